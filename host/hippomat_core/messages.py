@@ -1,0 +1,358 @@
+"""Everything that enters or leaves the robot core, as values.
+
+Events enter, effects leave; `step(state, event)` is the only door. Fields of events hold exactly what the
+decoded bytes said (raw device integers), so that an event can be checked against the bytes it came from.
+`stamp_ns` is the robot's monotonic clock at the moment the shell read the bytes; the core has no other clock.
+The log derives its message definitions from these classes: adding a field adds it to the log.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from hippomat_core.fields import (
+    F64,
+    I8,
+    I16,
+    I64,
+    U8,
+    U16,
+    U32,
+    U64,
+    F32Array,
+    I8Array,
+    I16Array,
+    U8Array,
+    U16Array,
+    U32Array,
+)
+from hippomat_core.wire.frames import Header, RelayFrame, StateFrame, StopFrame, TasksFrame
+
+RADIO, BASE, LIDAR = 0, 1, 2  # ports
+PORT_NAMES = ("radio", "base", "lidar")
+INFO, WARNING, ERROR = 0, 1, 2  # alarm levels
+
+
+# ---- events -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """First event of a run. The configuration itself is in the manifest and in initial_state()."""
+
+    stamp_ns: I64
+
+
+@dataclass(frozen=True, slots=True)
+class MapReceived:
+    """An occupancy grid (map frame: x east, y north); cells row-major from the lower left, -1/0..100."""
+
+    stamp_ns: I64
+    epoch: U32
+    width: U32
+    height: U32
+    resolution_m: F64
+    origin_x_m: F64
+    origin_y_m: F64
+    cells: I8Array  # (H * W,)
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """Time passes; 20 per second while the daemon runs."""
+
+    stamp_ns: I64
+
+
+@dataclass(frozen=True, slots=True)
+class PortOpened:
+    """A serial port was identified and is in use."""
+
+    stamp_ns: I64
+    port: U8
+    device: str  # what the device said of itself
+
+
+@dataclass(frozen=True, slots=True)
+class PortLost:
+    """A serial port went away; the shell tries to reopen it."""
+
+    stamp_ns: I64
+    port: U8
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class BaseFeedback:
+    """One 0x01 frame of the base, raw integers (facts: JetBot ROS AI kit, AA 55 2D)."""
+
+    stamp_ns: I64
+    gyro: I16Array  # (3,)
+    accel: I16Array  # (3,)
+    attitude_ddeg: I16Array  # (3,) roll, pitch, yaw in 0.1 deg
+    odom_x_mm: I16
+    odom_y_mm: I16
+    odom_yaw_mrad: I16
+    delta_x_mm: I16
+    delta_y_mm: I16
+    delta_yaw_mrad: I16
+    wheels: I16Array  # (4,) left, right speed; left, right set-point
+    reserved: U16
+
+
+@dataclass(frozen=True, slots=True)
+class ScanReceived:
+    """One lidar sweep, raw integers, in the lidar's own frame (clockwise angles)."""
+
+    stamp_ns: I64  # when the sweep's last bytes were read
+    quality: U8Array  # (n,) 6 bits
+    angle_q6: U16Array  # (n,) degrees * 64
+    distance_q2: U16Array  # (n,) millimetres * 4; 0 = no return
+
+
+@dataclass(frozen=True, slots=True)
+class StateHeard:
+    stamp_ns: I64
+    radio_time_us: U64  # the receiving radio's clock
+    rssi_dbm: I8
+    header: Header
+    frame: StateFrame
+
+
+@dataclass(frozen=True, slots=True)
+class RelayHeard:
+    stamp_ns: I64
+    radio_time_us: U64
+    rssi_dbm: I8
+    header: Header
+    frame: RelayFrame
+
+
+@dataclass(frozen=True, slots=True)
+class TasksHeard:
+    stamp_ns: I64
+    radio_time_us: U64
+    rssi_dbm: I8
+    header: Header
+    frame: TasksFrame
+
+
+@dataclass(frozen=True, slots=True)
+class StopHeard:
+    """STOP or RESUME (header.kind says which)."""
+
+    stamp_ns: I64
+    radio_time_us: U64
+    rssi_dbm: I8
+    header: Header
+    frame: StopFrame
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSent:
+    """The radio put one of our frames on the air; sent=False: it gave up on it."""
+
+    stamp_ns: I64
+    radio_time_us: U64
+    kind: U8
+    sequence: U32
+    sent: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RadioStatus:
+    """1 Hz status of our radio; a changed boot_id means that it rebooted."""
+
+    stamp_ns: I64
+    boot_id: U32
+    boot_counter: U32
+    reset_reason: U8
+    uptime_us: U64
+    robot: U8  # 255: listens only
+    fleet: U8
+    channel: U8
+    flags: U8  # bit 0: OPEN (no key), bit 1: fleet time agreed
+    sent: U32
+    received: U32
+    replaced: U32  # STATE overwritten in the mailbox before it was sent
+    send_failed: U32
+    dropped_foreign: U32  # other protocol version or fleet
+    dropped_malformed: U32
+    dropped_duplicate: U32
+    dropped_usb: U32
+
+
+@dataclass(frozen=True, slots=True)
+class LinkNoise:
+    """Bytes on a serial port that were no frame; counted since the port was opened."""
+
+    stamp_ns: I64
+    port: U8
+    skipped_bytes: U32
+    bad_checksums: U32
+
+
+Event: TypeAlias = (
+    Started
+    | MapReceived
+    | Tick
+    | PortOpened
+    | PortLost
+    | BaseFeedback
+    | ScanReceived
+    | StateHeard
+    | RelayHeard
+    | TasksHeard
+    | StopHeard
+    | FrameSent
+    | RadioStatus
+    | LinkNoise
+)
+
+
+# ---- effects ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class SendState:
+    """Our STATE for this round; replaces an unsent one in the radio."""
+
+    frame: StateFrame
+
+
+@dataclass(frozen=True, slots=True)
+class SendTasks:
+    frame: TasksFrame
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Velocity for the base: forward speed and turn rate, base frame (x forward, z up)."""
+
+    v_mps: F64
+    wz_radps: F64
+    reason: str  # follow, rotate, hold, guard, stop:<cause>
+
+
+@dataclass(frozen=True, slots=True)
+class PoseEstimated:
+    """Where the robot believes it is (map frame), once per tick."""
+
+    x_m: F64
+    y_m: F64
+    yaw_rad: F64
+    v_mps: F64
+    wz_radps: F64
+    source: str  # odometry, slam
+
+
+@dataclass(frozen=True, slots=True)
+class RoundDecided:
+    """One decision with everything it was made from: the snapshot and the delivery ledger.
+
+    N rows in id order, M task slots. A peer never heard has row_age_ms 65535 and unreachable costs.
+    """
+
+    round: U32
+    allocator: str
+    row_sequence: U32Array  # (N,) sequence number of the STATE that row came from
+    row_boot: U32Array  # (N,)
+    row_age_ms: U16Array  # (N,) on our monotonic clock
+    row_rssi_dbm: I8Array  # (N,)
+    row_available: U8Array  # (N,) 1: takes part in this allocation
+    row_slot: U8Array  # (N,) slot of the row's claim, 255 none
+    costs: U8Array  # (N * M,) quantised
+    generations: U16Array  # (M,)
+    task_states: U8Array  # (M,)
+    logits: F32Array  # (M + 1,) or empty
+    action: I16  # 0 = no request, j = task slot j - 1
+    reason: str  # why nothing was requested, or "requested"
+
+
+@dataclass(frozen=True, slots=True)
+class ClaimChanged:
+    """Our claim's life: requested, confirmed, unconfirmed, dropped, released, completed."""
+
+    what: str
+    cause: str
+    slot: U8
+    generation: U16
+    tag: U8
+    cost: U8
+    round: U32
+    x_m: F64
+    y_m: F64
+    z_m: F64
+
+
+@dataclass(frozen=True, slots=True)
+class ConflictSeen:
+    """Two robots wanted one task; cause: loss, staleness, tie, policy."""
+
+    slot: U8
+    generation: U16
+    other: U8
+    kept: bool
+    cause: str
+
+
+@dataclass(frozen=True, slots=True)
+class PeerClaimSeen:
+    """A peer's claim appeared, was confirmed, or went away, as far as we heard."""
+
+    robot: U8
+    slot: U8
+    generation: U16
+    what: str  # requested, confirmed, gone, expired
+
+
+@dataclass(frozen=True, slots=True)
+class TaskTurned:
+    """A slot has a new generation: the task now open there (fleet frame, centimetres)."""
+
+    slot: U8
+    generation: U16
+    x_cm: I16
+    y_cm: I16
+    z_cm: I16
+    cause: str  # start, claimed, completed, heard
+
+
+@dataclass(frozen=True, slots=True)
+class PathPlanned:
+    """Cells of the planned path on the map grid, start to goal; empty = no path."""
+
+    map_epoch: U32
+    ix: U16Array
+    iy: U16Array
+    length_m: F64
+    cause: str  # new, blocked, map, gone
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmRaised:
+    level: U8
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmCleared:
+    code: str
+
+
+Effect: TypeAlias = (
+    SendState
+    | SendTasks
+    | Drive
+    | PoseEstimated
+    | RoundDecided
+    | ClaimChanged
+    | ConflictSeen
+    | PeerClaimSeen
+    | TaskTurned
+    | PathPlanned
+    | AlarmRaised
+    | AlarmCleared
+)

@@ -1,0 +1,1 @@
+"""The simulated world: PyBullet, virtual serial devices, the radio medium. Never imported by the robot."""
