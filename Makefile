@@ -1,0 +1,60 @@
+# Two commands for a newcomer: `make demo` and `make test`. Both do their own set-up in .venv.
+# PYTHON=python3.11 chooses another interpreter.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt
+SOURCES := pyproject.toml constraints.txt
+
+export HIPPOMAT_DATA ?= $(abspath ../shared/data)
+
+.PHONY: demo test lint check bench format clean
+
+demo: $(VENV)/.sim
+	$(BIN)/hippomat-sim demo
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/clang-format --dry-run --Werror $$(git ls-files '*.c' '*.h')
+
+check: lint test
+
+bench: $(VENV)/.dev
+	$(BIN)/python -m benchmarks
+
+format: $(VENV)/.dev
+	$(BIN)/ruff check --fix --exit-zero .
+	$(BIN)/ruff format .
+	$(BIN)/clang-format -i $$(git ls-files '*.c' '*.h')
+
+clean:
+	rm -rf $(VENV) build dist runs
+
+# The set-up. Every missing piece is one line that says what to install.
+$(BIN)/python:
+	@command -v $(PYTHON) >/dev/null || \
+	  { echo "make: $(PYTHON) was not found: install it (Debian: apt install python3 python3-venv)" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
+	  { echo "make: $(PYTHON) has no venv module: apt install python3-venv" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 11))' || \
+	  { echo "make: $(PYTHON) is $$($(PYTHON) -V): pybullet has wheels for Python 3.10 and 3.11 only;" \
+	    "choose one with 'make PYTHON=python3.11 ...'" >&2; exit 1; }
+	@echo "Setting up $(VENV) (once; about a minute)"
+	@$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.sim: $(BIN)/python $(SOURCES)
+	@$(PIP) -e '.[sim]'
+	@command -v "$${CC:-cc}" >/dev/null || command -v gcc >/dev/null || command -v clang >/dev/null || \
+	  { echo "No C compiler found: installing the one that the package ziglang carries"; $(PIP) ziglang; }
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.sim
+	@$(PIP) -e '.[dev]'
+	@touch $@
