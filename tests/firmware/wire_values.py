@@ -1,0 +1,141 @@
+"""Hypothesis strategies for every air frame and USB message, and equality for values that hold arrays."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+from hippomat_core.wire import frames as air
+from hippomat_core.wire import link
+
+u8, u16, u32 = (st.integers(0, 2**bits - 1) for bits in (8, 16, 32))
+u24, u48, u64 = (st.integers(0, 2**bits - 1) for bits in (24, 48, 64))
+i8, i16 = st.integers(-(2**7), 2**7 - 1), st.integers(-(2**15), 2**15 - 1)
+robots = st.integers(0, 63)
+statuses = st.integers(air.IDLE, air.LOST)
+NO_CLAIM = air.AirClaim(air.NO_SLOT, 0, 0, 0, False, 0, 0, 0, 0, 0)
+
+
+def arrays(count: int, high: int) -> st.SearchStrategy[np.ndarray]:
+    values = st.lists(st.integers(0, high), min_size=count, max_size=count)
+    return values.map(lambda items: np.array(items, np.uint8))
+
+
+def claims(m: int) -> st.SearchStrategy[air.AirClaim]:
+    held = st.builds(
+        air.AirClaim,
+        slot=st.integers(0, m - 1),
+        generation=u16,
+        cost=u8,
+        round=u16,
+        confirmed=st.booleans(),
+        tag=st.integers(1, 3),
+        x_cm=i16,
+        y_cm=i16,
+        z_cm=i16,
+        eta_ds=u16,
+    )
+    return st.one_of(st.just(NO_CLAIM), held)
+
+
+@st.composite
+def states(draw: st.DrawFn) -> air.StateFrame:
+    n, m = draw(st.integers(1, 64)), draw(st.integers(1, 80))
+    return air.StateFrame(
+        status=draw(statuses),
+        flags=draw(st.integers(0, 31)),
+        x_cm=draw(i16),
+        y_cm=draw(i16),
+        z_cm=draw(i16),
+        yaw_256=draw(u8),
+        speed_2cmps=draw(u8),
+        claim=draw(claims(m)),
+        costs=draw(arrays(m, 255)),
+        task_states=draw(arrays(m, 3)),
+        intent_ix=draw(u16),
+        intent_iy=draw(u16),
+        intent_iz=draw(u8),
+        intent_steps=draw(st.integers(0, 12).flatmap(lambda count: arrays(count, 26))),
+        heard=draw(st.integers(0, 2**n - 1)),
+        endorsed=draw(arrays(n, 3)),
+        fleet_digest=draw(u32),
+        generations_digest=draw(u32),
+        stop_counter=draw(u16),
+    )
+
+
+def relay_rows(m: int) -> st.SearchStrategy[air.RelayRow]:
+    claim = st.one_of(
+        st.just((air.NO_SLOT, 0, 0, False, 0)),
+        st.tuples(st.integers(0, m - 1), u16, u8, st.booleans(), st.integers(1, 3)),
+    )
+    return st.builds(
+        lambda robot, age, status, claim, *rest: air.RelayRow(robot, age, status, *claim, *rest),
+        *(robots, u8, statuses, claim, i16, i16, i16, u8, u8, arrays(m, 255)),
+    )
+
+
+@st.composite
+def relays(draw: st.DrawFn) -> air.RelayFrame:
+    m = draw(st.integers(1, 80))
+    rows = draw(st.lists(relay_rows(m), min_size=1, max_size=225 // (15 + m)))
+    return air.RelayFrame(tuple(rows))
+
+
+task_slots = st.builds(air.TaskSlot, st.integers(0, 79), u16, st.integers(0, 3), i16, i16, i16)
+tasks = st.lists(task_slots, min_size=1, max_size=22).map(lambda slots: air.TasksFrame(tuple(slots)))
+stops = st.builds(air.StopFrame, u16, u8, u8)
+
+
+def headers(kinds: st.SearchStrategy[int]) -> st.SearchStrategy[air.Header]:
+    return st.builds(air.Header, kinds, u8, robots, u32, u24, u48)
+
+
+def _with_header(kinds: tuple[int, ...], bodies: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
+    return st.tuples(headers(st.sampled_from(kinds)), bodies)
+
+
+air_frames = st.one_of(
+    _with_header((air.STATE,), states()),
+    _with_header((air.RELAY,), relays()),
+    _with_header((air.TASKS,), tasks),
+    _with_header((air.STOP, air.RESUME), stops),
+)
+
+identities = st.one_of(robots, st.just(255))
+channels = st.integers(1, 14)
+kinds = st.integers(1, 5)
+
+
+def texts(size: int) -> st.SearchStrategy[str]:
+    return st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=size)
+
+
+link_messages = st.one_of(
+    st.builds(link.Hello, u8, identities, u8, channels),
+    st.builds(link.SendBody, kinds, st.binary(min_size=1, max_size=226)),
+    st.builds(
+        link.HelloReply,
+        *(u8, u8, u32, u32, u8, st.binary(min_size=6, max_size=6), identities, u8, channels),
+        *(texts(16), texts(8)),
+    ),
+    st.builds(link.Status, u32, u32, u8, u64, identities, u8, channels, u8, *[u32] * 8),
+    st.builds(link.Heard, u64, i8, st.binary(min_size=16, max_size=250)),
+    st.builds(link.Sent, u64, kinds, u24, st.booleans()),
+)
+
+
+def plain(value: Any) -> Any:
+    """A value with its arrays as lists: comparable with == and writable as JSON."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, bytes):
+        return value.hex()
+    if dataclasses.is_dataclass(value):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, tuple):
+        return [plain(item) for item in value]
+    return value
