@@ -33,6 +33,8 @@ def shortest_path(
     """
     if not (costmap.is_free(start) and costmap.is_free(goal)):
         return None
+    if blocked is not None and blocked[goal[1], goal[0]] and goal != start:
+        return None  # without searching all the map for it
     free = costmap.free if blocked is None else costmap.free & ~blocked
     width = costmap.grid.width + 2  # one cell of border, so that no step needs a range check
     padded = np.pad(free, 1)

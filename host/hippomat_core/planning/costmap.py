@@ -32,6 +32,12 @@ class Costmap:
     cost: NDArray[np.uint8]  # nav2: 254 lethal, 253 nearer than radius, then decaying, 255 unknown
     graph: CellGraph
 
+    def centres(self, cells: NDArray[np.int32]) -> NDArray[np.float64]:
+        """(n, 2) [m]: the middles of cells (n, 2) [ix, iy]."""
+        x = self.grid.origin_x_m + (cells[:, 0] + 0.5) * self.grid.resolution_m
+        y = self.grid.origin_y_m + (cells[:, 1] + 0.5) * self.grid.resolution_m
+        return np.stack([x, y], axis=1)
+
     def is_free(self, cell: tuple[int, int]) -> bool:
         """True where (ix, iy) lies in the grid and is free."""
         return self.grid.holds(*cell) and bool(self.free[cell[1], cell[0]])
