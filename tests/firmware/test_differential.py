@@ -1,0 +1,220 @@
+"""The firmware's C and the host's Python write the same bytes and accept the same bytes."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from c_values import RADIO, c_decode, c_encode, exactly, ffi, lib
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from wire_values import air_frames, i16, link_messages, plain, u8, u16, u32
+
+from hippomat_core.errors import WireError
+from hippomat_core.wire import cobs, codec, link
+from hippomat_core.wire import frames as air
+
+thorough = settings(max_examples=120, deadline=None, derandomize=True)
+
+# Values that fit the C structs' integers, mostly wrong as frames.
+any_claim = st.one_of(
+    st.builds(air.AirClaim, u8, u16, u8, u16, st.booleans(), st.integers(0, 5), i16, i16, i16, u16),
+    st.builds(air.AirClaim, st.just(255), *[st.integers(0, 1)] * 3, st.booleans(), *[st.integers(0, 1)] * 5),
+)
+any_row = st.builds(
+    lambda robot, status, slot, tag, m: air.RelayRow(
+        robot, 1, status, slot, 0, 0, False, tag, 1, 2, 3, 4, 5, np.full(m, 9, np.uint8)
+    ),
+    *(st.integers(60, 66), st.integers(0, 7), st.sampled_from([0, 9, 29, 255]), st.integers(0, 4)),
+    st.just(30),
+)
+any_task = st.builds(air.TaskSlot, st.integers(0, 85), u16, st.integers(0, 5), i16, i16, i16)
+
+
+def both_agree(header: air.Header, frame: object) -> None:
+    try:
+        expected = codec.encode_frame(header, frame)
+    except WireError:
+        expected = None
+    assert c_encode(header, frame) == expected
+
+
+@given(air_frames)
+@thorough
+def test_both_encode_a_frame_to_the_same_bytes(pair):
+    both_agree(*pair)
+    assert c_encode(*pair) is not None
+
+
+@given(air_frames, any_claim, st.integers(0, 40), st.integers(0, 7))
+@thorough
+def test_both_refuse_the_same_states(pair, claim, flags, status):
+    header, frame = pair
+    if isinstance(frame, air.StateFrame):
+        both_agree(header, dataclasses.replace(frame, claim=claim))
+        both_agree(header, dataclasses.replace(frame, flags=flags, status=status))
+        both_agree(header, dataclasses.replace(frame, endorsed=frame.endorsed[:flags]))
+        both_agree(header, dataclasses.replace(frame, intent_steps=np.full(status, flags, np.uint8)))
+
+
+@given(
+    st.lists(any_row, max_size=6), st.lists(any_task, max_size=22), st.integers(60, 70), st.integers(0, 2**25)
+)
+@thorough
+def test_both_refuse_the_same_small_frames(rows, tasks, sender, sequence):
+    both_agree(air.Header(air.RELAY, 1, 2, 3, 4, 5), air.RelayFrame(tuple(rows)))
+    both_agree(air.Header(air.TASKS, 1, 2, 3, 4, 5), air.TasksFrame(tuple(tasks)))
+    both_agree(air.Header(air.STOP, 1, sender, 3, sequence, 2**48 - 1 + sequence % 2), air.StopFrame(1, 2, 3))
+
+
+@given(st.one_of(air_frames.map(lambda pair: codec.encode_frame(*pair)), st.binary(max_size=260)), st.data())
+@thorough
+def test_both_accept_the_same_bytes_and_read_the_same_values(data, draw):
+    damaged = bytearray(data)
+    for _ in range(draw.draw(st.integers(0, 3)) if damaged else 0):
+        damaged[draw.draw(st.integers(0, len(damaged) - 1))] = draw.draw(u8)
+    tried = bytes(damaged[: draw.draw(st.one_of(st.just(None), st.integers(0, len(damaged))))])
+    try:
+        expected = plain(codec.decode_frame(tried))
+    except WireError:
+        expected = None
+    assert plain(c_decode(tried)) == expected
+    assert lib.rc_frame_valid(exactly(tried), len(tried)) == (expected is not None)
+
+
+@given(st.integers(0, 41), st.sampled_from([1, 3, 4]), u8)
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_both_judge_every_changed_byte_of_a_small_state_alike(index, keep, value):
+    claim = air.AirClaim(0, 1, 2, 3, True, keep % 3 + 1, 4, 5, 6, 7)
+    frame = air.StateFrame(
+        *(1, 2, 3, 4, 5, 6, 7, claim, np.array([9], np.uint8), np.array([1], np.uint8), 8, 9, 0),
+        *(np.array([13], np.uint8), 1, np.array([2], np.uint8), 10, 11, 12),
+    )
+    data = bytearray(codec.encode_frame(air.Header(air.STATE, 1, 2, 3, 4, 5), frame))
+    data[16 + index] = value
+    try:
+        expected = plain(codec.decode_frame(bytes(data)))
+    except WireError:
+        expected = None
+    assert plain(c_decode(bytes(data))) == expected
+
+
+@given(st.one_of(st.binary(max_size=262), st.lists(st.sampled_from([0, 1, 255]), max_size=262).map(bytes)))
+@thorough
+def test_both_frame_a_payload_alike(payload):
+    out = ffi.new("uint8_t[]", lib.RC_LINK_MAX_ENCODED)
+    size = lib.rc_cobs_encode(exactly(payload), len(payload), out)
+    if len(payload) > cobs.MAX_PAYLOAD:
+        assert size == 0
+    else:
+        assert bytes(ffi.buffer(out, size)) == cobs.encode(payload)
+
+
+stream_parts = st.one_of(
+    st.binary(max_size=270).map(cobs.stuff).map(lambda stuffed: stuffed + b"\0"),
+    st.binary(max_size=260).map(cobs.encode),
+    st.binary(max_size=40),
+    st.integers(0, 3).map(lambda count: b"\xff" * (100 * count)),
+    st.just(b"\xff" + b"\7" * 254 + b"\1\0"),
+)
+
+
+@given(st.lists(stream_parts, max_size=8).map(b"".join))
+@thorough
+def test_both_find_the_same_frames_in_any_stream(stream):
+    python = cobs.FrameDecoder()
+    expected = list(python.feed(stream))
+    decoder = ffi.new("rc_cobs_decoder *")
+    found = []
+    for byte in stream:
+        size = lib.rc_cobs_push(decoder, byte)
+        if size >= 0:
+            found.append(bytes(ffi.buffer(decoder.buffer, size)))
+    assert found == expected
+    assert decoder.skipped_bytes == python.skipped_bytes
+    assert decoder.bad_checksums == python.bad_checksums
+
+
+@given(link_messages, st.booleans(), u16, u8)
+@thorough
+def test_both_understand_the_same_messages_from_a_host(message, damaged, at, value):
+    payload = bytearray(link.encode_payload(message))
+    if damaged:
+        payload[at % min(len(payload), 6)] = value
+    try:
+        expected = link.decode_message(bytes(payload))
+    except WireError:
+        expected = None
+    raw = exactly(bytes(payload))
+    hello, send = ffi.new("rc_hello *"), ffi.new("rc_send *")
+    found = None
+    if lib.rc_hello_decode(raw, len(payload), hello):
+        who = hello.identity
+        found = link.Hello(hello.link_version, who.robot, who.fleet, who.channel)
+    elif lib.rc_send_decode(raw, len(payload), send):
+        found = link.SendBody(send.kind, bytes(ffi.buffer(send.body, send.length)))
+    assert found == (expected if isinstance(expected, link.Hello | link.SendBody) else None)
+
+
+@given(link_messages)
+@thorough
+def test_both_write_the_same_messages_to_a_host(message):
+    written = c_message(message)
+    assert written is None or written == link.encode_payload(message)
+
+
+def c_message(message: link.LinkMessage) -> bytes | None:
+    """The payload as link.c writes it; None for a message that only a host writes."""
+    out = ffi.new("uint8_t[]", lib.RC_LINK_MAX_PAYLOAD)
+    if isinstance(message, link.HelloReply | link.Status):
+        size = _identified(message, out)
+    elif isinstance(message, link.Heard):
+        frame = exactly(message.frame)
+        size = lib.rc_heard_encode(message.radio_time_us, message.rssi_dbm, frame, len(message.frame), out)
+    elif isinstance(message, link.Sent):
+        size = lib.rc_sent_encode(message.radio_time_us, message.kind, message.sequence, message.sent, out)
+    else:
+        return None
+    return bytes(ffi.buffer(out, size))
+
+
+def _identified(message: link.HelloReply | link.Status, out: object) -> int:
+    about = {name: getattr(message, name) for name in ("boot_id", "boot_counter", "reset_reason")}
+    who = ffi.new("rc_identity *", [message.robot, message.fleet, message.channel])
+    if isinstance(message, link.HelloReply):
+        about |= {"mac": tuple(message.mac), "firmware": message.firmware.encode()}
+        about["git_hash"] = message.git_hash.encode()
+        versions = bytes([lib.RC_LINK_VERSION, lib.RC_PROTOCOL_VERSION])
+        size = lib.rc_reply_encode(ffi.new("rc_about *", about), who, out)
+        assert bytes(ffi.buffer(out, 3))[1:] == versions
+        out[1], out[2] = message.link_version, message.protocol_version
+        return size
+    counters = {name: getattr(message, name) for name, _ in ffi.typeof("rc_counters").fields[:8]}
+    condition = ffi.new("rc_condition *", [message.uptime_us, message.flags])
+    arguments = (ffi.new("rc_about *", about), who, condition, ffi.new("rc_counters *", counters))
+    return lib.rc_status_encode(*arguments, out)
+
+
+@given(st.binary(max_size=600), st.lists(st.binary(min_size=1, max_size=255), max_size=4), u32)
+@thorough
+def test_a_radio_survives_anything_from_usb_and_air(noise, frames, seed):
+    memory = ffi.new("uint64_t[]", (lib.rc_size() + 7) // 8)
+    radio = ffi.cast("rc_radio *", memory)
+    lib.rc_init(radio, ffi.new("rc_config *", {"identity": {"robot": seed % 70, "fleet": 1, "channel": 1}}))
+    lib.rc_usb_rx(radio, 0, exactly(noise), len(noise))
+    out = ffi.new("uint8_t[]", lib.RC_LINK_MAX_ENCODED)
+    frame = ffi.new("uint8_t[]", lib.RC_MAX_FRAME)
+    for at, data in enumerate(frames):
+        lib.rc_air_rx(radio, at, -50, exactly(data), len(data))
+        lib.rc_usb_rx(radio, at, exactly(cobs.encode(b"\2" + data)), len(cobs.encode(b"\2" + data)))
+        lib.rc_air_tx(radio, at, frame)
+        lib.rc_tick(radio, at * seed)
+    decoder = cobs.FrameDecoder()
+    while size := lib.rc_usb_tx(radio, out, len(out)):
+        for payload in decoder.feed(bytes(ffi.buffer(out, size))):
+            link.decode_message(payload)
+    assert decoder.skipped_bytes == 0
+
+
+def test_the_library_under_test_is_the_one_that_was_asked_for():
+    assert RADIO.path.is_file()
