@@ -37,7 +37,6 @@ REACTIONS: tuple[Reaction, ...] = (
         "radio_lost", ERROR, "the radio does not answer: nothing new is requested", False, True, False, NEVER
     ),
     Reaction("stop", WARNING, "STOP was heard: latched until RESUME", True, True, True, NEVER),
-    Reaction("duplicate_id", ERROR, "another robot uses this robot's id: passive", True, True, True, 0.0),
 )
 BY_CODE = {reaction.code: reaction for reaction in REACTIONS}
 

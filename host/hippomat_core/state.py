@@ -1,0 +1,98 @@
+"""Everything the robot core remembers between two events. A value: step() makes a new one.
+
+Knows no port and no clock; what the state means for the next event is decided in step.py and tick.py.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hippomat_core.allocation.factory import make_allocator
+from hippomat_core.config import Config
+from hippomat_core.control.guard import Points
+from hippomat_core.control.navigator import Navigator, NavOutcome
+from hippomat_core.fleet import state as fleet_state
+from hippomat_core.fleet.state import FleetState
+from hippomat_core.planning.ground import Fields, Ground
+from hippomat_core.slam.odometry import Odometry
+from hippomat_core.wire.frames import FLAG_STOPPED, StateFrame
+
+NEVER = -(10**18)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """The latest sweep's returns in the base frame, and the pose (map frame) they were taken at."""
+
+    stamp_ns: int
+    points: Points  # (n, 2) [m]
+    pose: tuple[float, float, float]  # x [m], y [m], yaw [rad]
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """The STOP latch: a counter that only grows, and the counter that was resumed."""
+
+    counter: int = 0
+    resumed: int = 0
+
+    @property
+    def latched(self) -> bool:
+        return self.counter > self.resumed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """The robot. Poses in the map frame (x east, y north)."""
+
+    config: Config
+    policy_hash: bytes
+    fleet: FleetState
+    odometry: Odometry
+    started_ns: int = NEVER
+    ports: tuple[bool, bool, bool] = (False, False, False)  # radio, base, lidar
+    radio_boot_id: int | None = None
+    radio_heard_ns: int = NEVER  # its last status
+    ground: Ground | None = None
+    fields: Fields = field(default_factory=lambda: Fields({}))
+    scan: Scan | None = None
+    navigator: Navigator = field(default_factory=Navigator)
+    outcome: NavOutcome | None = None  # of the last tick that was allowed to move
+    held: bool = False  # the guard slowed the last command
+    stop: Stop = Stop()
+    faults: tuple[tuple[str, int], ...] = ()  # reaction codes, since when
+    alarms: frozenset[str] = frozenset()
+
+    @property
+    def observes(self) -> bool:
+        """No robot id was given: listen, record, request nothing, move nothing."""
+        return self.config.robot.id < 0
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        return self.odometry.x_m, self.odometry.y_m, self.odometry.yaw_rad
+
+
+def initial_state(config: Config, policy: bytes | None = None) -> State:
+    """The robot before its first event. policy: a safetensors file's bytes, where the allocator needs one."""
+    robot, fleet = config.robot, config.fleet
+    allocator = make_allocator(fleet.allocator, policy, fleet.size, fleet.task_slots)
+    return State(
+        config=config,
+        policy_hash=hashlib.sha256(policy).digest() if policy is not None else b"",
+        fleet=fleet_state.initial(config, allocator),
+        odometry=Odometry(robot.start_x_m, robot.start_y_m, robot.start_yaw_rad),
+    )
+
+
+def merged_stop(stop: Stop, frame: StateFrame) -> Stop:
+    """A peer's STATE carries the counter, so that late joiners stop, and resume, too."""
+    counter = max(stop.counter, frame.stop_counter)
+    runs = not frame.flags & FLAG_STOPPED
+    return Stop(counter, max(stop.resumed, frame.stop_counter) if runs else stop.resumed)
+
+
+NO_POINTS: Points = np.zeros((0, 2))

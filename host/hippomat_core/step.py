@@ -1,0 +1,169 @@
+"""The robot core's only door: step(state, event) -> (state, effects).
+
+Decides where each event goes; what happens when time passes is in tick.py. Reads no clock, port or file and
+draws no random number: the same events give the same effects, which is what replay checks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from hippomat_core.control.guard import scan_points
+from hippomat_core.control.navigator import forget_path
+from hippomat_core.fleet import state as fleet_state
+from hippomat_core.fleet.digest import fleet_digest
+from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.messages import (
+    BASE,
+    INFO,
+    LIDAR,
+    RADIO,
+    WARNING,
+    AlarmRaised,
+    BaseFeedback,
+    Effect,
+    Event,
+    FrameSent,
+    LinkNoise,
+    MapReceived,
+    PortLost,
+    PortOpened,
+    RadioStatus,
+    RelayHeard,
+    ScanReceived,
+    Started,
+    StateHeard,
+    StopHeard,
+    TasksHeard,
+    Tick,
+)
+from hippomat_core.planning.ground import Fields, ground_of
+from hippomat_core.slam.odometry import moved
+from hippomat_core.state import Scan, State, Stop, initial_state, merged_stop
+from hippomat_core.tick import tick
+from hippomat_core.wire.frames import STOP
+
+__all__ = ["State", "initial_state", "step"]
+
+Effects = tuple[Effect, ...]
+Stepped = tuple[State, Effects]
+
+
+def step(state: State, event: Event) -> Stepped:
+    """What one event changes and causes. Raises ConfigError or MapError for a map the robot cannot use."""
+    return _HANDLERS[type(event)](state, event)
+
+
+def _started(state: State, event: Started) -> Stepped:
+    fleet = fleet_state.started(state.fleet, event.stamp_ns)
+    return replace(state, started_ns=event.stamp_ns, fleet=fleet), ()
+
+
+def _map_received(state: State, event: MapReceived) -> Stepped:
+    cells = event.cells.reshape(event.height, event.width)
+    grid = OccupancyGrid(cells, event.resolution_m, event.origin_x_m, event.origin_y_m)
+    ground = ground_of(grid, event.epoch, state.config)
+    digest = fleet_digest(state.config.fleet, ground.c_max_s, grid.hash(), state.policy_hash)
+    fleet, effects = fleet_state.with_map(state.fleet, event.stamp_ns, ground.sites, digest)
+    navigator = forget_path(state.navigator)
+    state = replace(state, ground=ground, fleet=fleet, fields=Fields({}), navigator=navigator, outcome=None)
+    return state, tuple(effects)
+
+
+def _port_opened(state: State, event: PortOpened) -> Stepped:
+    state = _with_port(state, event.port, True)
+    if event.port == RADIO:
+        return replace(state, radio_heard_ns=event.stamp_ns), ()
+    if event.port == BASE:  # its counters may have started anew
+        return replace(state, odometry=replace(state.odometry, last=None)), ()
+    return state, ()
+
+
+def _port_lost(state: State, event: PortLost) -> Stepped:
+    state = _with_port(state, event.port, False)
+    return (replace(state, scan=None) if event.port == LIDAR else state), ()
+
+
+def _with_port(state: State, port: int, is_open: bool) -> State:
+    ports = tuple(is_open if index == port else was for index, was in enumerate(state.ports))
+    return replace(state, ports=(ports[RADIO], ports[BASE], ports[LIDAR]))
+
+
+def _base_feedback(state: State, event: BaseFeedback) -> Stepped:
+    odometry = moved(state.odometry, event)
+    if odometry.jumps == state.odometry.jumps:
+        return replace(state, odometry=odometry), ()
+    text = "the base's odometry jumped, as after a restart of the base: the pose goes on from where it was"
+    return replace(state, odometry=odometry), (AlarmRaised(WARNING, "odometry_jump", text),)
+
+
+def _scan_received(state: State, event: ScanReceived) -> Stepped:
+    scan = Scan(event.stamp_ns, scan_points(event, state.config.lidar), state.pose)
+    return replace(state, scan=scan), ()
+
+
+def _state_heard(state: State, event: StateHeard) -> Stepped:
+    fleet, effects = fleet_state.heard_state(
+        state.fleet, event.stamp_ns, event.header, event.frame, event.rssi_dbm
+    )
+    return replace(state, fleet=fleet, stop=merged_stop(state.stop, event.frame)), tuple(effects)
+
+
+def _relay_heard(state: State, event: RelayHeard) -> Stepped:
+    fleet, effects = fleet_state.heard_relay(state.fleet, event.stamp_ns, event.header, event.frame)
+    return replace(state, fleet=fleet), tuple(effects)
+
+
+def _tasks_heard(state: State, event: TasksHeard) -> Stepped:
+    fleet, effects = fleet_state.heard_tasks(state.fleet, event.stamp_ns, event.header, event.frame)
+    return replace(state, fleet=fleet), tuple(effects)
+
+
+def _stop_heard(state: State, event: StopHeard) -> Stepped:
+    stop, counter = state.stop, event.frame.counter
+    if event.header.kind == STOP:
+        return replace(state, stop=Stop(max(stop.counter, counter), stop.resumed)), ()
+    return replace(state, stop=Stop(stop.counter, max(stop.resumed, counter))), ()
+
+
+def _radio_status(state: State, event: RadioStatus) -> Stepped:
+    restarted = state.radio_boot_id not in (None, event.boot_id)
+    state = replace(state, radio_boot_id=event.boot_id, radio_heard_ns=event.stamp_ns)
+    if not restarted:
+        return state, ()
+    text = f"our radio restarted (reset reason {event.reset_reason}, boot id {event.boot_id:08x})"
+    return state, (AlarmRaised(WARNING, "radio_restarted", text),)
+
+
+def _link_noise(state: State, event: LinkNoise) -> Stepped:
+    if "noise" in state.alarms:
+        return state, ()
+    text = (
+        f"port {event.port}: {event.skipped_bytes} bytes were no frame, {event.bad_checksums} bad checksums"
+    )
+    alarm = AlarmRaised(INFO, "noise", text)
+    return replace(state, alarms=state.alarms | {"noise"}), (alarm,)
+
+
+def _nothing(state: State, _: FrameSent) -> Stepped:
+    return state, ()
+
+
+_HANDLERS: dict[type, Callable[[State, Any], Stepped]] = {
+    Started: _started,
+    MapReceived: _map_received,
+    Tick: tick,
+    PortOpened: _port_opened,
+    PortLost: _port_lost,
+    BaseFeedback: _base_feedback,
+    ScanReceived: _scan_received,
+    StateHeard: _state_heard,
+    RelayHeard: _relay_heard,
+    TasksHeard: _tasks_heard,
+    StopHeard: _stop_heard,
+    FrameSent: _nothing,
+    RadioStatus: _radio_status,
+    LinkNoise: _link_noise,
+}
