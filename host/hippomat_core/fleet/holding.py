@@ -76,18 +76,30 @@ def _ended(fleet: FleetState, stamp_ns: int, what: str, cause: str) -> Step:
     return replace(fleet, own_claim=None, tag_free_ns=tags), [claim.changed(what, cause)]
 
 
+def is_confirmed_at(fleet: FleetState, stamp_ns: int) -> bool:
+    """Whether our claim is confirmed at this very instant; between two round ends votes may run out."""
+    claim = fleet.own_claim
+    return claim is not None and _votes_at(fleet, claim, stamp_ns) >= _needed_at(fleet, stamp_ns)
+
+
+def _votes_at(fleet: FleetState, claim: OwnClaim, stamp_ns: int) -> int:
+    return count_votes(claim, fleet.peers, stamp_ns, fleet.trusted_from_ns, fleet.timing.lease_ns)
+
+
+def _needed_at(fleet: FleetState, stamp_ns: int) -> int:
+    roster, alive = len(fleet.peers), len(fleet.alive_peers(stamp_ns)) + 1
+    return quorum(roster, alive, serves_alone(fleet.config.partition, roster))
+
+
 def confirm(fleet: FleetState, stamp_ns: int, _: OwnInputs) -> Step:
     claim = fleet.own_claim
     if claim is None:
         return fleet, []
-    votes = count_votes(claim, fleet.peers, stamp_ns, fleet.trusted_from_ns, fleet.timing.lease_ns)
-    roster = len(fleet.peers)
-    alive = len(fleet.alive_peers(stamp_ns)) + 1
-    confirmed = votes >= quorum(roster, alive, serves_alone(fleet.config.partition, roster))
+    confirmed = is_confirmed_at(fleet, stamp_ns)
     if confirmed == claim.confirmed:
         return fleet, []
+    cause = f"{_votes_at(fleet, claim, stamp_ns)} of {len(fleet.peers)} votes"
     claim = replace(claim, confirmed=confirmed, changed_ns=stamp_ns)
-    cause = f"{votes} of {roster} votes"
     changed = claim.changed("confirmed" if confirmed else "unconfirmed", cause)
     return replace(fleet, own_claim=claim), [changed]
 

@@ -78,7 +78,7 @@ def take_snapshot(fleet: FleetState, stamp_ns: int, number: int) -> Snapshot:
         round=number,
         seed=fleet.config.seed,
     )
-    age_ms = np.minimum(ages_ns // 1_000_000, 65535).astype(np.uint16)
+    age_ms = np.minimum(ages_ns / 1e6, 65535).astype(np.uint16)
     return Snapshot(problem, agree, sequence, boot, age_ms, rssi, slot)
 
 
