@@ -1,0 +1,195 @@
+"""Standard ROS topics computed from our records, so that RViz and Foxglove show a run without a plug-in.
+
+Frames map -> odom -> base_link -> lidar (REP 105). These messages are a view: replay never reads them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from hippomat_core import messages as m
+from hippomat_core.config import Config
+from hippomat_logs.schema import DERIVED, MessageStore
+
+SCAN_BINS = 360
+_ROS_LEVELS = {m.INFO: 20, m.WARNING: 30, m.ERROR: 40}
+Pose = tuple[float, float, float]
+
+
+class DerivedTopics:
+    """Feed every record in order; keeps the last map and the integrated wheel odometry."""
+
+    def __init__(self, store: MessageStore, config: Config) -> None:
+        self._store = store
+        self._lidar = config.lidar
+        self._name = f"robot{config.robot.id}"
+        self._odom: Pose = (0.0, 0.0, 0.0)
+        self._map: m.MapReceived | None = None
+        origin = (0.0, 0.0, 0.0)
+        # kept and changed in place: building these messages anew costs ten times as much as encoding them
+        links = [self._transform(0, "map", "odom", origin), self._transform(0, "odom", "base_link", origin)]
+        self._tf = self._new(DERIVED["/tf"], transforms=links)
+        self._odometry = self._new_odometry()
+
+    def static(self) -> Iterator[tuple[str, bytes]]:
+        lidar = self._lidar
+        offset = self._transform(0, "base_link", "lidar", (lidar.x_m, lidar.y_m, lidar.yaw_rad), lidar.z_m)
+        yield self._encode("/tf_static", transforms=[offset])
+
+    def of(self, record: Any, log_time_ns: int) -> Iterator[tuple[str, bytes]]:
+        """(topic, CDR) of everything that follows from one record; often nothing."""
+        if isinstance(record, m.PoseEstimated):
+            yield from self._pose(record, log_time_ns)
+        elif isinstance(record, m.BaseFeedback):
+            self._integrate(record)
+        elif isinstance(record, m.ScanReceived):
+            yield self._scan(record, log_time_ns)
+        elif isinstance(record, m.PathPlanned):
+            yield self._path(record, log_time_ns)
+        elif isinstance(record, m.MapReceived):
+            self._map = record
+            yield self._grid(record, log_time_ns)
+        elif isinstance(record, m.AlarmRaised):
+            yield self._alarm(record, log_time_ns)
+
+    def _integrate(self, feedback: m.BaseFeedback) -> None:
+        """Increments, not the absolute fields: int16 millimetres wrap at 32.767 m."""
+        x, y, yaw = self._odom
+        dx, dy, dyaw = feedback.delta_x_mm / 1e3, feedback.delta_y_mm / 1e3, feedback.delta_yaw_mrad / 1e3
+        c, s = math.cos(yaw + dyaw / 2), math.sin(yaw + dyaw / 2)
+        self._odom = (x + c * dx - s * dy, y + s * dx + c * dy, yaw + dyaw)
+
+    def _pose(self, pose: m.PoseEstimated, t: int) -> Iterator[tuple[str, bytes]]:
+        in_map, in_odom = (pose.x_m, pose.y_m, pose.yaw_rad), self._odom
+        for link, offset in zip(
+            self._tf.transforms, (_compose(in_map, _inverse(in_odom)), in_odom), strict=True
+        ):
+            _set_time(link.header, t)
+            _set_pose(link.transform.translation, link.transform.rotation, offset)
+        yield "/tf", self._store.encode_standard(self._tf, DERIVED["/tf"])
+        odometry = self._odometry
+        _set_time(odometry.header, t)
+        _set_pose(odometry.pose.pose.position, odometry.pose.pose.orientation, in_odom)
+        odometry.twist.twist.linear.x = pose.v_mps
+        odometry.twist.twist.angular.z = pose.wz_radps
+        yield "/odom", self._store.encode_standard(odometry, DERIVED["/odom"])
+
+    def _new_odometry(self) -> Any:
+        zero, still = np.zeros(36), self._xyz(0.0, 0.0, 0.0)
+        twist = self._new("geometry_msgs/msg/Twist", still, self._xyz(0.0, 0.0, 0.0))
+        return self._new(
+            DERIVED["/odom"],
+            header=self._header(0, "odom"),
+            child_frame_id="base_link",
+            pose=self._new("geometry_msgs/msg/PoseWithCovariance", self._at((0.0, 0.0, 0.0)), zero),
+            twist=self._new("geometry_msgs/msg/TwistWithCovariance", twist, zero),
+        )
+
+    def _scan(self, scan: m.ScanReceived, t: int) -> tuple[str, bytes]:
+        """Nearest return per degree; the lidar counts clockwise, ROS counter-clockwise."""
+        ranges = np.full(SCAN_BINS, np.inf, np.float32)
+        intensities = np.zeros(SCAN_BINS, np.float32)
+        hit = np.asarray(scan.distance_q2) > 0
+        angle = np.asarray(scan.angle_q6)[hit].astype(np.int64)
+        bins = (-((angle + 32) // 64)) % SCAN_BINS
+        metres = (np.asarray(scan.distance_q2)[hit] / 4000.0).astype(np.float32)
+        np.minimum.at(ranges, bins, metres)
+        intensities[bins] = np.asarray(scan.quality)[hit]
+        step = 2 * math.pi / SCAN_BINS
+        limits = (self._lidar.min_range_m, self._lidar.max_range_m)
+        return self._encode(
+            "/scan",
+            header=self._header(t, "lidar"),
+            angle_min=0.0,
+            angle_max=step * (SCAN_BINS - 1),
+            angle_increment=step,
+            time_increment=0.0,
+            scan_time=0.0,
+            range_min=limits[0],
+            range_max=limits[1],
+            ranges=ranges,
+            intensities=intensities,
+        )
+
+    def _path(self, path: m.PathPlanned, t: int) -> tuple[str, bytes]:
+        header = self._header(t, "map")
+        poses: list[Any] = []
+        if self._map is not None:
+            xs = self._map.origin_x_m + (np.asarray(path.ix) + 0.5) * self._map.resolution_m
+            ys = self._map.origin_y_m + (np.asarray(path.iy) + 0.5) * self._map.resolution_m
+            for x, y in zip(xs.tolist(), ys.tolist(), strict=True):
+                poses.append(self._new("geometry_msgs/msg/PoseStamped", header, self._at((x, y, 0.0))))
+        return self._encode("/plan", header=header, poses=poses)
+
+    def _grid(self, grid: m.MapReceived, t: int) -> tuple[str, bytes]:
+        info = self._new(
+            "nav_msgs/msg/MapMetaData",
+            map_load_time=self._time(t),
+            resolution=grid.resolution_m,
+            width=grid.width,
+            height=grid.height,
+            origin=self._at((grid.origin_x_m, grid.origin_y_m, 0.0)),
+        )
+        return self._encode(
+            "/map", header=self._header(t, "map"), info=info, data=np.asarray(grid.cells, np.int8)
+        )
+
+    def _alarm(self, alarm: m.AlarmRaised, t: int) -> tuple[str, bytes]:
+        level = _ROS_LEVELS.get(alarm.level, 40)
+        text = f"{alarm.code}: {alarm.text}"
+        where = {"file": "", "function": "", "line": 0}
+        return self._encode("/rosout", stamp=self._time(t), level=level, name=self._name, msg=text, **where)
+
+    # ---- building blocks ----
+
+    def _new(self, kind: str, /, *values: Any, **fields: Any) -> Any:
+        return self._store.standard(kind)(*values, **fields)
+
+    def _encode(self, topic: str, /, **fields: Any) -> tuple[str, bytes]:
+        name = DERIVED[topic]
+        return topic, self._store.encode_standard(self._new(name, **fields), name)
+
+    def _time(self, t: int) -> Any:
+        return self._new("builtin_interfaces/msg/Time", t // 10**9, t % 10**9)
+
+    def _header(self, t: int, frame: str) -> Any:
+        return self._new("std_msgs/msg/Header", self._time(t), frame)
+
+    def _xyz(self, x: float, y: float, z: float) -> Any:
+        return self._new("geometry_msgs/msg/Vector3", x, y, z)
+
+    def _turn(self, yaw: float) -> Any:
+        return self._new("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+
+    def _at(self, pose: Pose) -> Any:
+        x, y, yaw = pose
+        point = self._new("geometry_msgs/msg/Point", x, y, 0.0)
+        return self._new("geometry_msgs/msg/Pose", point, self._turn(yaw))
+
+    def _transform(self, t: int, parent: str, child: str, pose: Pose, z: float = 0.0) -> Any:
+        x, y, yaw = pose
+        move = self._new("geometry_msgs/msg/Transform", self._xyz(x, y, z), self._turn(yaw))
+        return self._new("geometry_msgs/msg/TransformStamped", self._header(t, parent), child, move)
+
+
+def _compose(a: Pose, b: Pose) -> Pose:
+    c, s = math.cos(a[2]), math.sin(a[2])
+    return a[0] + c * b[0] - s * b[1], a[1] + s * b[0] + c * b[1], a[2] + b[2]
+
+
+def _inverse(a: Pose) -> Pose:
+    c, s = math.cos(a[2]), math.sin(a[2])
+    return -(c * a[0] + s * a[1]), s * a[0] - c * a[1], -a[2]
+
+
+def _set_time(header: Any, t: int) -> None:
+    header.stamp.sec, header.stamp.nanosec = divmod(t, 10**9)
+
+
+def _set_pose(position: Any, orientation: Any, pose: Pose) -> None:
+    position.x, position.y, yaw = pose
+    orientation.z, orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)

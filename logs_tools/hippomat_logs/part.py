@@ -1,0 +1,115 @@
+"""One part of a log: an .mcap that ROS tools open as it is. Decides profile, channels, chunks and CRCs.
+
+Knows encoded records, not what they mean. Format: https://mcap.dev/spec
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, cast
+
+from mcap.writer import CompressionType, Writer
+
+from hippomat_logs.schema import DERIVED, LATCHED, TOPICS, MessageStore, type_name
+from hippomat_logs.sink import Sink
+
+CHUNK_BYTES = 256 * 1024
+RUN_METADATA = "hippomat.run"  # directly behind the header of every part
+END_METADATA = "hippomat.end"  # last of a part that was finished
+
+_QOS = """- history: 1
+  depth: {depth}
+  reliability: 1
+  durability: {durability}
+  deadline:
+    sec: 9223372036
+    nsec: 854775807
+  lifespan:
+    sec: 9223372036
+    nsec: 854775807
+  liveliness: 1
+  liveliness_lease_duration:
+    sec: 9223372036
+    nsec: 854775807
+  avoid_ros_namespace_conventions: false"""
+
+
+def package_version() -> str:
+    try:
+        return version("hippomat")
+    except PackageNotFoundError:
+        return "0"
+
+
+def qos_of(topic: str) -> str:
+    """Offered QoS profile as rosbag2 writes it; numeric enumerations, transient_local = 1."""
+    latched = topic in LATCHED
+    return _QOS.format(depth=1 if latched else 10, durability=1 if latched else 2)
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelSpec:
+    """A channel and its schema, as they stand in a file."""
+
+    topic: str
+    type_name: str
+    definition: bytes
+    metadata: tuple[tuple[str, str], ...]
+
+
+def our_channels(store: MessageStore) -> list[ChannelSpec]:
+    """Every topic that this version records."""
+    names = {topic: type_name(kind) for kind, topic in TOPICS.items()} | DERIVED
+    return [
+        ChannelSpec(
+            topic,
+            name,
+            store.schema_text(name),
+            (("offered_qos_profiles", qos_of(topic)), ("topic_type_hash", store.type_hash(name))),
+        )
+        for topic, name in names.items()
+    ]
+
+
+class PartWriter:
+    """An open part. After an OSError it must be abandoned: mcap's writer then holds a stale chunk."""
+
+    def __init__(self, sink: Sink, manifest: Mapping[str, str], channels: Sequence[ChannelSpec]) -> None:
+        self.sink = sink
+        self._writer: Any = Writer(  # its methods carry no annotations
+            cast(Any, sink),
+            chunk_size=CHUNK_BYTES,
+            compression=CompressionType.ZSTD,
+            enable_crcs=True,
+            enable_data_crcs=True,
+        )
+        self._writer.start(profile="ros2", library=f"hippomat {package_version()}")
+        self._writer.add_metadata(RUN_METADATA, dict(manifest))
+        schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        for spec in channels:
+            if spec.type_name not in schemas:
+                schemas[spec.type_name] = self._writer.register_schema(
+                    spec.type_name, "ros2msg", spec.definition
+                )
+            schema = schemas[spec.type_name]
+            self._channels[spec.topic] = self._writer.register_channel(
+                spec.topic, "cdr", schema, dict(spec.metadata)
+            )
+
+    def add(self, topic: str, number: int, log_time_ns: int, data: bytes) -> None:
+        """`number` goes into the sequence field; a derived message carries its source's number."""
+        self._writer.add_message(self._channels[topic], log_time_ns, data, log_time_ns, number & 0xFFFFFFFF)
+
+    def flush(self) -> None:
+        """Close the chunk and append it to the file, whole or not at all."""
+        self._writer.flush()
+
+    def finish(self, end: Mapping[str, str] | None) -> None:
+        self._writer.flush()
+        if end is not None:
+            self._writer.add_metadata(END_METADATA, dict(end))
+        self._writer.finish()
+        self.sink.finish()

@@ -1,0 +1,192 @@
+"""Open logs of ours: the records of one run as values, in order, after every check of level L0.
+
+Decides what a whole, lossless log is. Knows parts, record numbers and drop records; refuses what another
+version recorded with other definitions.
+"""
+
+from __future__ import annotations
+
+import mmap
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hippomat_core.config import Config
+from hippomat_core.errors import HippomatError, LogError
+from hippomat_logs.manifest import config_of
+from hippomat_logs.records import DropRecord, SerialRecord
+from hippomat_logs.schema import CLASSES, DERIVED, MessageStore
+from hippomat_logs.sink import ACTIVE
+from hippomat_logs.walk import Contents, RawMessage, walk_strictly
+
+
+class Record(NamedTuple):
+    """One numbered record of a run."""
+
+    number: int
+    log_time_ns: int
+    topic: str
+    message: Any
+
+
+@contextmanager
+def mapped(path: Path) -> Iterator[memoryview]:
+    """The bytes of a file without reading it whole."""
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise HippomatError(f"{path}: cannot be opened: {error.strerror}") from None
+    with file:
+        if path.stat().st_size == 0:
+            raise LogError(f"{path}: is empty; nothing was recorded in it")
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as map_, memoryview(map_) as view:
+            yield view
+
+
+def read_raw(path: Path, contents: Contents) -> Iterator[RawMessage]:
+    """Messages of one finished part as bytes, strictly checked."""
+    if path.name.endswith(ACTIVE):
+        raise LogError(f"{path}: still being recorded, or its daemon died: `hippomat-logs recover {path}`")
+    with mapped(path) as data:
+        try:
+            yield from walk_strictly(data, str(path), contents)
+        except LogError as error:
+            raise error if str(path) in str(error) else LogError(f"{path}: {error}") from None
+
+
+@dataclass(slots=True)
+class Run:
+    """The parts of one robot's run, in order, and what L0 found out about them."""
+
+    paths: tuple[Path, ...]
+    manifest: dict[str, str]
+    lost: list[str] = field(default_factory=list)  # one line per explained loss
+    records: int = 0
+    recovered: bool = False  # its end is missing
+    store: MessageStore = field(default_factory=MessageStore)
+
+    @property
+    def name(self) -> str:
+        return (
+            self.paths[0].name.removesuffix(".mcap").rsplit("_", 1)[0]
+            if self.manifest
+            else str(self.paths[0])
+        )
+
+    @property
+    def robot(self) -> int:
+        return int(self.manifest.get("robot", "-1"))
+
+    @property
+    def config(self) -> Config:
+        return config_of(self.manifest, str(self.paths[0]))
+
+    @property
+    def wall_offset_ns(self) -> int:
+        return int(self.manifest["wall_offset_ns"])
+
+    def records_in_order(self) -> Iterator[Record]:
+        """Every numbered record, checked as it is read. Counts and losses are complete at the end."""
+        self.records, expected = 0, 1
+        self.lost.clear()
+        for index, path in enumerate(self.paths):
+            contents = Contents()
+            for raw in read_raw(path, contents):
+                if raw.topic in DERIVED:
+                    continue
+                record = self.decoded(path, raw)
+                first = record.message.first if isinstance(record.message, DropRecord) else raw.number
+                if first != expected:
+                    raise LogError(f"{path}: record {expected} is missing: {_gap(expected, first)}")
+                if isinstance(record.message, DropRecord):
+                    d = record.message
+                    self.lost.append(f"records {d.first}..{d.last} lost: {d.cause}")
+                expected = raw.number + 1
+                self.records += 1
+                yield record
+            self._check_end(path, contents, expected, index == len(self.paths) - 1)
+
+    def decoded(self, path: Path, raw: RawMessage) -> Record:
+        """One message as a value; raises LogError where it does not decode or its bytes have changed."""
+        kind = CLASSES.get(raw.topic)
+        if kind is None:
+            raise LogError(f"{path}: record {raw.number} is on {raw.topic}, which this version does not know")
+        try:
+            message = self.store.decode(kind, raw.data)
+        except Exception as error:
+            raise LogError(f"{path}: record {raw.number} on {raw.topic} cannot be decoded: {error}") from None
+        if isinstance(message, SerialRecord) and zlib.crc32(message.data) != message.crc32:
+            raise LogError(
+                f"{path}: record {raw.number}: serial bytes do not match the checksum taken with them"
+            )
+        return Record(raw.number, raw.log_time_ns, raw.topic, message)
+
+    def _check_end(self, path: Path, contents: Contents, expected: int, is_last: bool) -> None:
+        if not contents.end:
+            if not contents.manifest.get("recovered"):
+                raise LogError(f"{path}: has no end mark, and no recovery accounts for it")
+            self.recovered = self.recovered or is_last
+            return
+        last, final = int(contents.end["last_record"]), contents.end["final"] == "yes"
+        if last != expected - 1:
+            raise LogError(f"{path}: ends at record {expected - 1}, but record {last} was written")
+        if is_last and not final:
+            raise LogError(f"{path}: is not the last part of its run: give the later parts too")
+
+
+def _gap(expected: int, found: int) -> str:
+    if expected == 1:
+        return f"the first is {found}; give the earlier parts of this run too"
+    return f"behind {expected - 1} comes {found}, and no drop record explains it"
+
+
+def open_runs(paths: Sequence[Path]) -> list[Run]:
+    """Group files into runs (one per robot and session), parts in order. Reads manifests only."""
+    groups: dict[tuple[str, str], list[tuple[int, Path, dict[str, str]]]] = {}
+    store = MessageStore()
+    for path in dict.fromkeys(_expanded(paths)):
+        manifest = read_manifest(path, store)
+        key = manifest.get("robot", ""), manifest.get("session_id", "")
+        groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, manifest))
+    runs = []
+    for parts in groups.values():
+        parts.sort(key=lambda part: part[0])
+        runs.append(Run(tuple(path for _, path, _ in parts), parts[0][2], store=store))
+    return sorted(runs, key=lambda run: (run.robot, run.manifest.get("started_ns", "")))
+
+
+def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
+    for path in paths:
+        if path.is_dir():
+            found = sorted(path.glob("*.mcap"))
+            if not found:
+                raise HippomatError(f"{path}: holds no .mcap file; give a log or a directory of logs")
+            yield from found
+        else:
+            yield path
+
+
+def read_manifest(path: Path, store: MessageStore) -> dict[str, str]:
+    """Manifest of one part, after a check of every byte of the file and of its message definitions."""
+    contents = Contents()
+    for _ in read_raw(path, contents):
+        pass
+    for channel in contents.channels.values():
+        ours = channel.topic in CLASSES and store.schema_text(channel.type_name)
+        if ours and ours != channel.definition:
+            raise HippomatError(
+                f"{path}: {channel.type_name} has other fields in this log, recorded by hippomat "
+                f"{contents.manifest.get('hippomat', '?')}: read it with that version"
+            )
+    return contents.manifest
+
+
+def read_records(path: Path | str) -> Iterator[tuple[int, int, str, Any]]:
+    """(record number, log time [ns], topic, message) of every numbered record of one part."""
+    contents, run = Contents(), Run((Path(path),), {})
+    for raw in read_raw(Path(path), contents):
+        if raw.topic not in DERIVED:
+            yield run.decoded(Path(path), raw)

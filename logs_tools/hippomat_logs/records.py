@@ -1,0 +1,40 @@
+"""Records that only the log knows: serial bytes, timing and what was lost. All others are the core's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hippomat_core.fields import I64, U8, U32, U64
+
+FROM_DEVICE, TO_DEVICE = 0, 1
+IDENTIFICATION, RUNNING = 0, 1
+
+
+@dataclass(frozen=True, slots=True)
+class SerialRecord:
+    """Bytes exactly as one read or write moved them."""
+
+    stamp_ns: I64
+    port: U8  # messages.RADIO, BASE, LIDAR
+    direction: U8  # FROM_DEVICE, TO_DEVICE
+    phase: U8  # IDENTIFICATION, RUNNING
+    crc32: U32  # of data; survives tools that recompute the file's own checksums
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class TimingRecord:
+    """What one pass of the daemon's loop cost."""
+
+    stamp_ns: I64
+    compute_ns: U64
+    lag_ns: U64  # how late the pass began
+
+
+@dataclass(frozen=True, slots=True)
+class DropRecord:
+    """Stands in the place of records first..last, which the log lost; its own number is `last`."""
+
+    first: U64
+    last: U64
+    cause: str

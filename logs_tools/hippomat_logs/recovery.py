@@ -1,0 +1,160 @@
+"""Make readable logs of what a dead daemon left behind. Loses nothing that can be read, and says what cannot.
+
+A part belongs to a live process while that process holds its lock; such parts are left alone.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from hippomat_core.errors import HippomatError, LogError
+from hippomat_logs.part import PartWriter
+from hippomat_logs.reader import mapped, read_raw
+from hippomat_logs.records import DropRecord
+from hippomat_logs.schema import CLASSES, TOPICS, MessageStore
+from hippomat_logs.sink import ACTIVE, FileSink, sync_directory
+from hippomat_logs.walk import Contents, RawMessage, walk_leniently
+
+RECOVERING = ".recovering"
+DAMAGED = ".damaged"
+
+
+def recover_directory(directory: Path | str) -> list[str]:
+    """Recover every NAME.mcap.active in `directory` that no live process owns; one line for each."""
+    lines: list[str] = []
+    store: MessageStore | None = None
+    for path in sorted(Path(directory).glob(f"*.mcap{ACTIVE}")):
+        store = store or MessageStore()
+        try:
+            lines.append(recover_active(path, store))
+        except OSError as error:
+            lines.append(f"{path.name}: not recovered: {error.strerror or error}")
+    return lines
+
+
+def recover(path: Path | str) -> list[str]:
+    """`hippomat-logs recover`: a directory, a NAME.mcap.active, or a damaged NAME.mcap."""
+    path = Path(path)
+    if path.is_dir():
+        return recover_directory(path)
+    if not path.exists():
+        raise HippomatError(f"{path}: no such file or directory")
+    if path.name.endswith(ACTIVE):
+        return [recover_active(path, MessageStore())]
+    return [_recover_finished(path, MessageStore())]
+
+
+def recover_active(path: Path, store: MessageStore) -> str:
+    """Rewrite one part that was never finished; the line says what came of it."""
+    with _owned(path) as fd:
+        if fd is None:
+            return f"{path.name}: being recorded by a live process, left alone"
+        name = path.name.removesuffix(ACTIVE)
+        if os.fstat(fd).st_size == 0:
+            path.unlink()
+            return f"{path.name}: empty, removed"
+        if (path.parent / name).exists():
+            return _set_aside(path, f"{name} exists already")
+        kept, contents = _rewrite(path, name, store)
+        if not contents.manifest:
+            return _set_aside(path, "nothing in it could be read")
+        if contents.damage:
+            _set_aside(path, "")
+            what = "; ".join(contents.damage)
+            return f"{name}: recovered, {kept} records kept; {what}; original in {name}{DAMAGED}"
+        path.unlink()
+        sync_directory(path.parent)
+        return f"{name}: recovered, {kept} records kept"
+
+
+def _recover_finished(path: Path, store: MessageStore) -> str:
+    try:
+        for _ in read_raw(path, Contents()):
+            pass
+    except LogError:
+        name = path.name.removesuffix(".mcap") + ".recovered.mcap"
+        if (path.parent / name).exists():
+            raise HippomatError(f"{path.parent / name} exists already; move it away first") from None
+        kept, contents = _rewrite(path, name, store)
+        if not contents.manifest:
+            raise LogError(f"{path}: nothing in it could be read") from None
+        return (
+            f"{name}: {kept} records of {path.name} kept; {'; '.join(contents.damage) or 'all chunks whole'}"
+        )
+    return f"{path.name}: whole, nothing to do"
+
+
+@contextmanager
+def _owned(path: Path) -> Iterator[int | None]:
+    """The file's descriptor while we hold its lock; None if a live process holds it."""
+    fd = os.open(path, os.O_RDWR)
+    try:
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield None
+            return
+        yield fd if os.fstat(fd).st_nlink else None
+    finally:
+        os.close(fd)
+
+
+def _set_aside(path: Path, why: str) -> str:
+    target = path.with_name(path.name.removesuffix(ACTIVE) + DAMAGED)
+    path.rename(target)
+    sync_directory(path.parent)
+    return f"{path.name}: {why}; kept as {target.name}"
+
+
+def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]:
+    """Write what `path` holds into a finished `name` beside it."""
+    (path.parent / (name + RECOVERING)).unlink(missing_ok=True)  # a recovery that was itself killed
+    contents, kept = Contents(), 0
+    writer: PartWriter | None = None
+    with mapped(path) as data:
+        try:
+            for raw in _numbered(walk_leniently(data, contents), contents, store):
+                if writer is None:
+                    facts = {**contents.manifest, "recovered": "yes"}
+                    sink = FileSink(path.parent, name, RECOVERING)
+                    writer = PartWriter(sink, facts, list(contents.channels.values()))
+                writer.add(raw.topic, raw.number, raw.log_time_ns, raw.data)
+                kept += raw.topic in CLASSES
+            if writer is None and contents.manifest:
+                sink = FileSink(path.parent, name, RECOVERING)
+                writer = PartWriter(sink, {**contents.manifest, "recovered": "yes"}, [])
+        except OSError:
+            if writer is not None:
+                writer.sink.abandon()
+            raise
+        if writer is not None:
+            writer.finish(None)
+    return kept, contents
+
+
+def _numbered(raws: Iterator[RawMessage], contents: Contents, store: MessageStore) -> Iterator[RawMessage]:
+    """Messages with a drop record wherever a bad chunk has left a gap; stops at what does not decode."""
+    expected: int | None = None
+    for raw in raws:
+        if raw.topic not in CLASSES:
+            yield raw
+            continue
+        expected = int(contents.manifest.get("first_record", "1")) if expected is None else expected
+        try:
+            message = store.decode(CLASSES[raw.topic], raw.data)
+        except Exception as error:
+            contents.damage.append(f"record {raw.number} does not decode: {error}")
+            return
+        first = message.first if isinstance(message, DropRecord) else raw.number
+        if first < expected:
+            contents.damage.append(f"record {raw.number} follows record {expected - 1}")
+            return
+        if first > expected:
+            drop = DropRecord(expected, first - 1, "the chunk that held them is damaged")
+            yield RawMessage(first - 1, raw.log_time_ns, TOPICS[DropRecord], store.encode(drop))
+        expected = raw.number + 1
+        yield raw

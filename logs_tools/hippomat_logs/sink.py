@@ -1,0 +1,126 @@
+"""Where a log's bytes go: all or nothing, so that a failed write leaves no garbage in the middle of a file.
+
+A sink collects writes until flush() and then either appends them all or none. Knows files, not records.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+ACTIVE = ".active"
+RESERVE_BYTES = 1 << 20  # no new part is begun on a disk with less free space
+
+
+class Sink(Protocol):
+    """What the log writes to. write() never fails; flush(), sync() and finish() raise OSError."""
+
+    def write(self, data: bytes, /) -> int: ...
+    def tell(self) -> int: ...
+    def flush(self) -> None: ...
+    def sync(self) -> None: ...
+    def finish(self) -> None: ...
+    def abandon(self) -> None: ...
+
+
+SinkOpener = Callable[[str], Sink]
+
+
+class FileSink:
+    """DIRECTORY/NAME.active, locked while open; finish() makes it NAME."""
+
+    def __init__(self, directory: Path, name: str, suffix: str = ACTIVE) -> None:
+        space = os.statvfs(directory)
+        if space.f_bavail * space.f_frsize < RESERVE_BYTES:
+            raise OSError(errno.ENOSPC, "less than 1 MiB free", str(directory))
+        self.path = directory / name
+        if self.path.exists():
+            raise FileExistsError(errno.EEXIST, "a finished log has this name", str(self.path))
+        self._active = directory / (name + suffix)
+        self._fd = os.open(self._active, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        fcntl.flock(self._fd, fcntl.LOCK_EX)
+        if os.fstat(self._fd).st_nlink == 0:  # a recovery found it empty before it was locked
+            os.close(self._fd)
+            raise FileExistsError(errno.EEXIST, "taken away by a recovery", str(self._active))
+        self._written = 0
+        self._pending = bytearray()
+
+    def write(self, data: bytes, /) -> int:
+        self._pending += data
+        return len(data)
+
+    def tell(self) -> int:
+        return self._written + len(self._pending)
+
+    def flush(self) -> None:
+        done = 0
+        try:
+            while done < len(self._pending):
+                done += os.pwrite(self._fd, memoryview(self._pending)[done:], self._written + done)
+        except OSError:
+            os.ftruncate(self._fd, self._written)
+            raise
+        self._written += done
+        self._pending = bytearray()
+
+    def sync(self) -> None:
+        os.fdatasync(self._fd)
+
+    def finish(self) -> None:
+        self.flush()
+        os.fsync(self._fd)
+        os.rename(self._active, self.path)
+        sync_directory(self.path.parent)
+        os.close(self._fd)
+
+    def abandon(self) -> None:
+        """Leave the file as it was after the last good flush; recovery makes a log of it."""
+        os.close(self._fd)
+
+
+class FullDiskSink:
+    """A disk on which only `room_bytes` are left: stands in for a full one wherever that must be tried."""
+
+    def __init__(self, inner: Sink, room_bytes: int) -> None:
+        self._inner = inner
+        self._end = room_bytes
+
+    def write(self, data: bytes, /) -> int:
+        return self._inner.write(data)
+
+    def tell(self) -> int:
+        return self._inner.tell()
+
+    def flush(self) -> None:
+        if self._inner.tell() > self._end:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self._inner.flush()
+
+    def sync(self) -> None:
+        self._inner.sync()
+
+    def finish(self) -> None:
+        self.flush()
+        self._inner.finish()
+
+    def abandon(self) -> None:
+        self._inner.abandon()
+
+
+def file_sinks(directory: Path) -> SinkOpener:
+    """Opener of files in `directory`, which is made if it does not exist."""
+    directory.mkdir(parents=True, exist_ok=True)
+    return lambda name: FileSink(directory, name)
+
+
+def sync_directory(directory: Path) -> None:
+    """Make a rename in `directory` survive a power cut."""
+    fd = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
