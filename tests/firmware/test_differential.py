@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 
 import numpy as np
 from c_values import RADIO, c_decode, c_encode, exactly, ffi, lib
@@ -14,7 +15,9 @@ from hippomat_core.errors import WireError
 from hippomat_core.wire import cobs, codec, link
 from hippomat_core.wire import frames as air
 
-thorough = settings(max_examples=120, deadline=None, derandomize=True)
+# The run under the sanitizers, several times slower, asks for fewer.
+EXAMPLES = int(os.environ.get("HIPPOMAT_EXAMPLES", "120"))
+thorough = settings(max_examples=EXAMPLES, deadline=None, derandomize=True)
 
 # Values that fit the C structs' integers, mostly wrong as frames.
 any_claim = st.one_of(
@@ -83,7 +86,7 @@ def test_both_accept_the_same_bytes_and_read_the_same_values(data, draw):
 
 
 @given(st.integers(0, 41), st.sampled_from([1, 3, 4]), u8)
-@settings(max_examples=200, deadline=None, derandomize=True)
+@thorough
 def test_both_judge_every_changed_byte_of_a_small_state_alike(index, keep, value):
     claim = air.AirClaim(0, 1, 2, 3, True, keep % 3 + 1, 4, 5, 6, 7)
     frame = air.StateFrame(

@@ -137,6 +137,18 @@ def test_a_failed_compilation_shows_the_command_and_what_it_said(tmp_path):
         build_library(broken, cache=tmp_path)
 
 
+def test_a_cache_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(BuildError, match=r"cannot write to .*file/cache.*; set XDG_CACHE_HOME elsewhere"):
+        build_library(find_compiler(), cache=tmp_path / "file" / "cache")
+
+
+def test_a_library_that_does_not_load_is_named(tmp_path):
+    script = "from hippomat_sim.radio import load_library; load_library()"
+    env = os.environ | {"HIPPOMAT_RADIO_LIBRARY": str(tmp_path / "none.so")}
+    assert "none.so does not load" in run(sys.executable, "-c", script, env=env).stderr
+
+
 def test_the_library_is_loaded_once():
     assert load_library() is load_library()
 
@@ -154,6 +166,7 @@ def test_nothing_is_read_or_written_out_of_bounds(tmp_path):
         "LD_PRELOAD": str(runtime.resolve()),
         "ASAN_OPTIONS": "detect_leaks=0:abort_on_error=0:exitcode=99",
         "PYTHONMALLOC": "malloc",
+        "HIPPOMAT_EXAMPLES": "50",
     }
     files = [HERE / name for name in ("test_differential.py", "test_wire_golden.py", "test_radio_core.py")]
     result = run(

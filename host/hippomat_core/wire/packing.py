@@ -69,13 +69,14 @@ def pack_crumbs(values: NDArray[np.uint8]) -> bytes:
     """Four 2-bit values a byte, the first in the lowest bits."""
     padded = np.zeros(-(-values.size // 4) * 4, np.uint8)
     padded[: values.size] = values
-    return np.bitwise_or.reduce(padded.reshape(-1, 4) << _CRUMBS, axis=1).tobytes()
+    packed = np.bitwise_or.reduce(padded.reshape(-1, 4) << _CRUMBS, axis=1)
+    return bytes(np.asarray(packed, np.uint8))
 
 
 def unpack_crumbs(field: str, data: bytes, count: int) -> NDArray[np.uint8]:
     """The inverse of pack_crumbs; unused bits must be zero."""
     raw = np.frombuffer(data, np.uint8)
-    values = ((raw[:, None] >> _CRUMBS) & 3).reshape(-1)
+    values = np.asarray((raw[:, None] >> _CRUMBS) & 3, np.uint8).reshape(-1)
     require(not values[count:].any(), field, data.hex(), "has unused bits set")
     return frozen(values[:count])
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import cffi
 
-from hippomat_sim.radio.build import build_library, find_compiler, source_directory
+from hippomat_sim.radio.build import BuildError, build_library, find_compiler, source_directory
 
 HEADERS = ("frame.h", "cobs.h", "link.h", "radio_core.h")  # each needs those before it
 _MARKED = re.compile(r"/\* cdef: begin \*/(.*?)/\* cdef: end \*/", re.DOTALL)
@@ -47,4 +47,10 @@ def load_library(sanitize: bool = False) -> Library:
     path = Path(given) if given else build_library(find_compiler(), sanitize)
     ffi = cffi.FFI()
     ffi.cdef(declarations())
-    return Library(ffi, ffi.dlopen(str(path)), path)
+    try:
+        lib = ffi.dlopen(str(path))
+    except OSError as error:
+        raise BuildError(
+            f"{path} does not load: {error}; delete it or unset HIPPOMAT_RADIO_LIBRARY"
+        ) from None
+    return Library(ffi, lib, path)

@@ -102,15 +102,17 @@ def _fingerprint(sources: Path, compiler: Compiler, flags: tuple[str, ...]) -> s
 
 
 def _compile(compiler: Compiler, flags: tuple[str, ...], sources: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
     files = sorted(str(file) for file in sources.glob("*.c"))
-    # Several processes may build at once: each compiles for itself, the last rename wins, all are alike.
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix="build-") as scratch:
-        output = Path(scratch) / target.name
-        command = [*compiler.command, *flags, *files, "-o", str(output)]
-        result = subprocess.run(command, capture_output=True, text=True, check=False)
-        if result.returncode != 0:
-            raise BuildError(
-                f"the radio core does not compile: {shlex.join(command)}\n{result.stderr.strip()}"
-            )
-        output.rename(target)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        # Several processes may build at once: each compiles for itself, the last rename wins, all are alike.
+        with tempfile.TemporaryDirectory(dir=target.parent, prefix="build-") as scratch:
+            output = Path(scratch) / target.name
+            command = [*compiler.command, *flags, *files, "-o", str(output)]
+            result = subprocess.run(command, capture_output=True, text=True, check=False)
+            if result.returncode != 0:
+                said = result.stderr.strip()
+                raise BuildError(f"the radio core does not compile: {shlex.join(command)}\n{said}")
+            output.rename(target)
+    except OSError as error:
+        raise BuildError(f"cannot write to {target.parent}: {error}; set XDG_CACHE_HOME elsewhere") from None
