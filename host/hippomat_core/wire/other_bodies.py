@@ -67,10 +67,11 @@ def decode_relay(body: bytes) -> RelayFrame:
     require(count > 0 and rest == 0, "RELAY length", len(body), f"is not 1 + rows of {size}")
     rows = []
     for at in range(1, len(body), size):
-        robot, age, slot, generation, cost, tag, *place, eta, low = _RELAY_ROW.unpack_from(body, at)
+        robot, age, slot, generation, cost, tag, x, y, z, eta, low = _RELAY_ROW.unpack_from(body, at)
         costs = np.frombuffer(body, np.uint8, m, at + RELAY_ROW_BYTES)
-        claim = (slot, generation, cost, bool(tag & 1), tag >> 1 & 3)
-        row = RelayRow(robot, age, tag >> 3, *claim, *place, eta, low, costs)
+        confirmed, claim_tag, status = bool(tag & 1), tag >> 1 & 3, tag >> 3
+        claim = (slot, generation, cost, confirmed, claim_tag)
+        row = RelayRow(robot, age, status, *claim, x, y, z, eta, low, costs)
         _check_row(row, m)
         rows.append(row)
     return RelayFrame(tuple(rows))
