@@ -1,0 +1,7 @@
+"""python -m hippomat_sim"""
+
+import sys
+
+from hippomat_sim.cli import main
+
+sys.exit(main())

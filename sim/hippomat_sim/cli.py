@@ -1,0 +1,122 @@
+"""hippomat-sim, the command line: simulated fleets of real daemons. Exit codes: see --help."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from rich.console import Console
+
+from hippomat_core.errors import HippomatError
+from hippomat_sim.fleet_run import FleetRun, RunResult, require_linux
+from hippomat_sim.maps import find_demo_map
+from hippomat_sim.run_settings import RunSettings
+from hippomat_sim.views import view_for
+from hippomat_sim.world import WALL
+
+_EPILOG = """\
+exit codes: 0 the run was clean; 1 usage error, bad map, or a daemon failed; 2 robots touched something,
+a task was done twice, or (demo) a replay diverged
+
+examples:
+  hippomat-sim demo
+  hippomat-sim run --map lab.yaml --robots 3 --seconds 120 --loss 0.3
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        self.exit(1, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    console = Console()
+    try:
+        require_linux()
+        if options.command == "demo":
+            from hippomat_sim.demo import run_demo  # here, because matplotlib loads slowly
+
+            return run_demo(_settings(options), console)
+        result = FleetRun(_settings(options), view_for(console)).execute()
+    except HippomatError as error:
+        print(f"hippomat-sim: {error}", file=sys.stderr)
+        return error.exit_code
+    return _summary(result, console)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="hippomat-sim",
+        description="Simulated robots with real daemons: each robot's radio (the firmware's own C), base and "
+        "lidar are pseudo-terminals that speak the real devices' protocols.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="run | demo")
+    run = commands.add_parser("run", help="start a fleet on a map and watch it")
+    demo = commands.add_parser("demo", help="five robots for one minute, then replay and report")
+    run.add_argument("--map", type=Path, required=True, help="ROS map (.yaml beside its image)")
+    demo.add_argument("--map", type=Path, help="ROS map; default: the turtlebot3 world, else our own room")
+    for command in (run, demo):
+        _add_run_options(command)
+    return parser
+
+
+def _add_run_options(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--robots", type=int, default=5, metavar="N", help="fleet size (default 5)")
+    add("--tasks", type=int, default=12, metavar="M", help="task slots (default 12)")
+    add("--seconds", type=float, default=60.0, metavar="S", help="duration with all robots up (default 60)")
+    add("--loss", type=float, default=0.1, metavar="P", help="probability that a receiver misses a frame")
+    add("--seed", type=int, default=1, help="start poses, tasks, noise, radio losses (default 1)")
+    add("--speed", type=float, metavar="M/S", help="speed limit of the robots (default: as configured, 0.2)")
+    add("--config", type=Path, metavar="TOML", help="base for the hippomat.toml that all daemons get")
+    add("--out", type=Path, metavar="DIR", help="where everything goes (default runs/sim-TIME)")
+    add(
+        "--record-truth",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="write truth.npz: true poses at 10 Hz, contacts (default on)",
+    )
+
+
+def _settings(options: argparse.Namespace) -> RunSettings:
+    out = options.out or Path("runs") / time.strftime(f"sim-{options.command}-%Y%m%d-%H%M%S")
+    return RunSettings(
+        options.map or find_demo_map(),
+        out,
+        options.robots,
+        options.tasks,
+        options.seconds,
+        options.loss,
+        options.seed,
+        options.speed,
+        options.config,
+        options.record_truth,
+    )
+
+
+def _summary(result: RunResult, console: Console) -> int:
+    def line(text: str) -> None:
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    line(f"{sum(result.served)} tasks done in {result.seconds:.1f} s (heard on the air); files: {result.out}")
+    for contact in result.contacts:
+        other = "a wall" if contact.other == WALL else f"robot {contact.other}"
+        line(f"contact at {contact.start_s:.1f} s: robot {contact.robot} and {other}")
+    if result.slipped_s:
+        line(f"the processor was too busy: the world stood still for {result.slipped_s:.1f} s in all")
+    line(f"the world took {100 * result.busy:.0f} % of one processor")
+    if result.troubles:
+        return 1
+    return 2 if result.contacts else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

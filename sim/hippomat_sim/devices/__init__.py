@@ -1,0 +1,1 @@
+"""The three devices of a simulated robot, behind pseudo-terminals, speaking the vendors' protocols."""

@@ -1,0 +1,271 @@
+"""One simulated run in real time: ports and world here, N real daemons beside it, from start to clean end.
+
+The daemons live on the real clock, so the world does too; when this process was kept from the processor for
+long, the world's clock stands still for that time instead of jumping (slipped_s).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hippomat_core.config import Config
+from hippomat_core.errors import ConfigError, HippomatError
+from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.planning.costmap import inflate
+from hippomat_logs.map_files import load_map
+from hippomat_sim.daemons import Daemon, DaemonOrder, describe_end, interrupt_all, kill_all
+from hippomat_sim.medium import AirSettings, StationCounts
+from hippomat_sim.run_settings import RunSettings, checked, config_toml, run_config
+from hippomat_sim.simulation import Simulation, SimulationSetup
+from hippomat_sim.start_poses import start_poses
+from hippomat_sim.views import View
+from hippomat_sim.world import Body, Contact
+
+START_TIMEOUT_S = 40.0
+STOP_TIMEOUT_S = 15.0
+_VIEW_PERIOD_S = 0.5
+_MAX_LAG_US = 200_000
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """What a run left behind, and what only the simulation knows of it."""
+
+    out: Path
+    map_yaml: Path
+    grid: OccupancyGrid
+    config: Config
+    logs: tuple[Path, ...]  # one directory per robot
+    start_poses: NDArray[np.float64]  # (N, 3)
+    truth_us: NDArray[np.int64]  # (T,) since the start of the world
+    truth: NDArray[np.float64]  # (T, N, 3)
+    start_monotonic_ns: int  # of truth_us 0; exact while slipped_s is 0
+    seconds: float  # with all robots on the air
+    contacts: tuple[Contact, ...]
+    counts: tuple[StationCounts, ...]
+    served: tuple[int, ...]  # heard from the air
+    troubles: tuple[str, ...]  # daemons that died, or had to be killed
+    slipped_s: float
+    busy: float  # share of one processor that the world took
+
+
+class FleetRun:
+    """Use once: FleetRun(settings, view).execute()."""
+
+    def __init__(self, settings: RunSettings, view: View) -> None:
+        self.settings = checked(settings)
+        self.config = run_config(settings)
+        self.grid = load_map(settings.map_yaml)
+        planning = self.config.planning
+        costmap = inflate(
+            self.grid, planning.inflation_radius, planning.cost_scaling_factor, planning.allow_unknown
+        )
+        radius_m = self.config.robot.radius_m
+        self.starts = start_poses(costmap, settings.robots, radius_m, settings.seed)
+        settings.out.mkdir(parents=True, exist_ok=True)
+        self.toml = settings.out / "hippomat.toml"
+        self.toml.write_text(config_toml(self.config), encoding="utf-8")
+        setup = SimulationSetup(
+            self.grid,
+            self.starts,
+            settings.seed,
+            Body(radius_m, max(0.2, self.config.lidar.z_m + 0.05)),
+            self.config.lidar,
+            AirSettings(loss=settings.loss),
+            fleet=self.config.fleet.id,
+        )
+        self.simulation = Simulation(setup, settings.out / "ports")
+        self.daemons: list[Daemon] = []
+        self.troubles: list[str] = []
+        self.interrupted = 0  # signals so far
+        self._reported: set[int] = set()
+        self._view = view
+        self._start_ns = 0
+        self._slipped_us = 0
+        self._next_view_s = 0.0
+
+    def execute(self) -> RunResult:
+        """Run to the end; raises HippomatError where the fleet does not get under way."""
+        with self._signals():
+            try:
+                self._start()
+                seconds = self._drive()
+                self._stop()
+            finally:
+                kill_all(self.daemons)
+                self._view.close()
+                self.simulation.close()
+        return self._result(seconds)
+
+    def log_directory(self, robot: int) -> Path:
+        return self.settings.out / "logs" / f"robot{robot}"
+
+    def _start(self) -> None:
+        self._view.phase("starting the daemons", 0.0, 0.0)
+        self._start_ns = time.monotonic_ns()
+        self._cpu_start_s = time.process_time()
+        for robot, pose in enumerate(self.starts.tolist()):
+            log = self.log_directory(robot) if self.settings.record_logs else None
+            order = DaemonOrder(
+                robot,
+                self.settings.out / "ports",
+                self.toml,
+                self.settings.map_yaml.resolve(),
+                (pose[0], pose[1], pose[2]),
+                log,
+            )
+            self.daemons.append(Daemon(order, self.settings.out))
+        ear = self.simulation.ear
+        self._pace(
+            START_TIMEOUT_S, lambda: all(heard.first_us >= 0 for heard in ear.robots) or self._one_died()
+        )
+        silent = [robot for robot, heard in enumerate(ear.robots) if heard.first_us < 0]
+        if self.interrupted or not silent:
+            return
+        dead = next((daemon for daemon in self.daemons if daemon.died), None)
+        if dead is not None:
+            raise HippomatError(f"the fleet did not start: {describe_end(dead)}")
+        raise HippomatError(
+            f"the fleet did not start: robot {silent[0]} was not heard within {START_TIMEOUT_S:.0f} s; "
+            f"see {self.daemons[silent[0]].errors}:\n{self.daemons[silent[0]].last_words()}"
+        )
+
+    def _drive(self) -> float:
+        began_s = self._now_s()
+        seconds = self.settings.seconds
+        if not self.interrupted:
+            self._view.phase("running", began_s, seconds)
+            self._pace(seconds, self._all_died)
+        return self._now_s() - began_s
+
+    def _stop(self) -> None:
+        """Motors first is the daemons' business; the world goes on until they are done."""
+        self._view.phase("stopping the daemons", 0.0, 0.0)
+        signals = self.interrupted
+        interrupt_all([daemon for daemon in self.daemons if not daemon.died])
+        self._pace(
+            STOP_TIMEOUT_S,
+            lambda: (
+                all(daemon.exit_code is not None for daemon in self.daemons) or self.interrupted > signals
+            ),
+            stoppable=False,
+        )
+        for robot in kill_all(self.daemons):
+            self._trouble(f"robot {robot}'s daemon did not stop within {STOP_TIMEOUT_S:.0f} s and was killed")
+        for daemon in self.daemons:
+            if daemon.exit_code and daemon.robot not in self._reported and daemon.exit_code > 0:
+                self._trouble(describe_end(daemon))
+
+    def _pace(self, duration_s: float, done: Callable[[], bool], *, stoppable: bool = True) -> None:
+        """Let the world run on the real clock until done, or the time is over, or (stoppable) Ctrl-C."""
+        end_s = self._now_s() + duration_s
+        while (now_s := self._now_s()) < end_s and not (stoppable and self.interrupted):
+            now_us = int(now_s * 1e6)
+            lag_us = now_us - self.simulation.next_us()
+            if lag_us > _MAX_LAG_US:
+                self._slipped_us += lag_us
+                end_s -= lag_us / 1e6
+                now_us -= lag_us
+            self.simulation.advance(now_us)
+            if now_s >= self._next_view_s:
+                self._next_view_s = now_s + _VIEW_PERIOD_S
+                self._watch()
+                self._view.show(now_us / 1e6, self.simulation)
+                if done():
+                    return
+            timeout_s = self.simulation.next_us() / 1e6 - self._now_s()
+            written = self.simulation.wait_for_bytes(timeout_s)
+            if written:
+                served_us = max(now_us, int(self._now_s() * 1e6))
+                self.simulation.advance(served_us)
+                self.simulation.serve(written, served_us)
+
+    def _now_s(self) -> float:
+        """World time [s]."""
+        return (time.monotonic_ns() - self._start_ns) / 1e9 - self._slipped_us / 1e6
+
+    def _watch(self) -> None:
+        for daemon in self.daemons:
+            if daemon.died and daemon.robot not in self._reported:
+                self._reported.add(daemon.robot)
+                self._trouble(describe_end(daemon))
+
+    def _one_died(self) -> bool:
+        return any(daemon.died for daemon in self.daemons)
+
+    def _all_died(self) -> bool:
+        return all(daemon.died for daemon in self.daemons)
+
+    def _trouble(self, text: str) -> None:
+        self.troubles.append(text)
+        self._view.note(text)
+
+    @contextlib.contextmanager
+    def _signals(self) -> Iterator[None]:
+        """SIGINT and SIGTERM end the run cleanly; a second one while stopping ends it at once."""
+
+        def count(_number: int, _frame: FrameType | None) -> None:
+            self.interrupted += 1
+
+        before = {number: signal.signal(number, count) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _result(self, seconds: float) -> RunResult:
+        simulation = self.simulation
+        times = np.array([time_us for time_us, _, _ in simulation.truth], dtype=np.int64)
+        shape = (-1, self.settings.robots, 3)
+        poses = np.array([poses for _, poses, _ in simulation.truth]).reshape(shape)
+        result = RunResult(
+            self.settings.out,
+            self.settings.map_yaml,
+            self.grid,
+            self.config,
+            tuple(self.log_directory(robot) for robot in range(self.settings.robots)),
+            self.starts,
+            times,
+            poses,
+            self._start_ns,
+            seconds,
+            tuple(simulation.world.contacts),
+            tuple(simulation.medium.counts),
+            tuple(heard.served for heard in simulation.ear.robots),
+            tuple(self.troubles),
+            self._slipped_us / 1e6,
+            (time.process_time() - self._cpu_start_s)
+            / max((time.monotonic_ns() - self._start_ns) / 1e9, 1e-9),
+        )
+        if self.settings.record_truth:
+            _write_truth(result)
+        return result
+
+
+def _write_truth(result: RunResult) -> None:
+    """truth.npz: what really happened, in the map frame, at 10 Hz."""
+    contacts = [(contact.start_s, contact.robot, contact.other) for contact in result.contacts]
+    np.savez_compressed(
+        result.out / "truth.npz",
+        stamp_ns=result.truth_us * 1000 + result.start_monotonic_ns,
+        poses=result.truth,
+        contacts=np.array(contacts, dtype=np.float64).reshape(-1, 3),
+        slipped_s=np.array(result.slipped_s),
+    )
+
+
+def require_linux() -> None:
+    """Pseudo-terminals, epoll and process signals as used here are Linux's."""
+    if not hasattr(os, "openpty") or not hasattr(signal, "SIGKILL") or os.uname().sysname != "Linux":
+        raise ConfigError("the simulator needs Linux (pseudo-terminals and epoll)")
