@@ -15,7 +15,7 @@ from hippomat_core.control.nav_state import NEVER, STANDING_MPS, Navigator, NewP
 from hippomat_core.planning.astar import Path, path_length_m, shortest_path
 from hippomat_core.planning.costmap import nearest_free
 from hippomat_core.planning.give_way import way_aside
-from hippomat_core.planning.reservations import keep_out_m
+from hippomat_core.planning.reservations import PeerMotion, keep_out_m
 
 DETOUR_M = 2.0  # accepted at once; a longer one only after waiting three times as long
 RETRY_S = 0.5
@@ -72,11 +72,19 @@ def when_blocked(nav: Navigator, view: View, stretch: Stretch) -> Planned:
         if count >= 3 * patience or _longer_m(path, nav.path[nav.cursor :], view) <= DETOUR_M:
             return nav.on_path(path, "blocked", view.resolution_m)
     elif count >= 2 * patience:
-        wanting = {p.robot for p in view.peers if p.robot == stretch.owner and p.destination is not None}
+        wanting = {p.robot for p in view.peers if p.robot == stretch.owner and _under_way(p, view)}
         hold_s = STEP_BACK_S + 0.5 * ((view.config.robot.id + count) % 4)
         if wanting:
             return _step_aside(nav, view, wanting, hold_s)
     return nav, None
+
+
+def _under_way(peer: PeerMotion, view: View) -> bool:
+    """True where the peer wants to be elsewhere; one that is at its destination will stay for its dwell."""
+    if peer.destination is None:
+        return False
+    away_m = math.dist((peer.x_m, peer.y_m), peer.destination)
+    return away_m > view.config.fleet.goal_tolerance_m
 
 
 def _route(nav: Navigator, view: View, blocked: NDArray[np.bool_] | None) -> Path | None:

@@ -48,6 +48,7 @@ class Navigator:
             blocked_since_ns=NEVER,
             tried=0,
             in_way_since_ns=NEVER,
+            held_since_ns=NEVER,
             retry_ns=NEVER,
         )
 

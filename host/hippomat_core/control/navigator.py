@@ -81,15 +81,18 @@ def forget_path(nav: Navigator) -> Navigator:
 
 def _held(nav: Navigator, motion: Motion, held: bool, config: Config) -> Navigator:
     """Where the guard kept us standing for a while, there is something that neither map nor radio told of."""
-    if not held or abs(motion.v_mps) > STANDING_MPS:
+    passed = not held and nav.drive.v_mps >= STANDING_MPS
+    if passed or abs(motion.v_mps) > STANDING_MPS:
         return replace(nav, held_since_ns=NEVER)
+    if not held:  # nothing to hold was commanded: no news of the obstacle
+        return nav
     nav = replace(nav, drive=replace(nav.drive, v_mps=min(nav.drive.v_mps, STANDING_MPS)))
     if nav.held_since_ns == NEVER:
         return replace(nav, held_since_ns=nav.stamp_ns)
     patience_ns = int(config.planning.replan_after_blockages * config.planning.blockage_s * 1e9)
     if nav.stamp_ns - nav.held_since_ns < patience_ns:
         return nav
-    ahead_m = keep_out_m(config) / 2 + 0.05
+    ahead_m = keep_out_m(config) / 2 + 0.01  # so near that the very next cell of the path is taken
     x = motion.x_m + ahead_m * math.cos(motion.yaw_rad)
     y = motion.y_m + ahead_m * math.sin(motion.yaw_rad)
     marks = (*nav.marks, (x, y, nav.stamp_ns + int(MARK_S * 1e9)))[-MARKS:]

@@ -53,7 +53,7 @@ def inflate(
     occupied = grid.cells >= OCCUPIED_FROM
     unknown = (grid.cells < 0) | ((grid.cells > 0) & ~occupied)
     clearance_m = _clearance_m(occupied, grid.resolution_m)
-    free = (clearance_m >= radius_m) & (True if allow_unknown else ~unknown)
+    free = (clearance_m >= radius_m) & ~occupied & (True if allow_unknown else ~unknown)
     decayed = (INSCRIBED - 1) * np.exp(-scaling * np.maximum(clearance_m - radius_m, 0.0))
     cost = np.rint(decayed).astype(np.uint8)
     cost[clearance_m < radius_m] = INSCRIBED
