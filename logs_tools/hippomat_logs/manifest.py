@@ -23,7 +23,7 @@ from hippomat_logs.part import package_version
 
 FORMAT = "1"
 _LIBRARIES = ("numpy", "scipy", "opencv-python-headless")
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def new_session_id() -> str:
@@ -48,8 +48,7 @@ def fingerprint() -> dict[str, str]:
         "machine": platform.machine(),
         "python": ".".join(map(str, sys.version_info[:3])),
         "cpu": " ".join(sorted(name for name, present in features.items() if present)),
-        "threads": " ".join(f"{name}={os.environ.get(name, '')}" for name in _THREADS)
-        + f" of {os.cpu_count()}",
+        **{name: os.environ.get(name) or f"one per core ({os.cpu_count()})" for name in THREAD_SETTINGS},
     }
     for name in _LIBRARIES:
         try:
@@ -57,6 +56,15 @@ def fingerprint() -> dict[str, str]:
         except PackageNotFoundError:
             facts[name] = "absent"
     return facts
+
+
+def recorded_threads(manifest: Mapping[str, str]) -> dict[str, str]:
+    """Thread settings of the run, for the environment of a process that shall compute alike."""
+    try:
+        facts = json.loads(manifest.get("fingerprint", "{}"))
+    except ValueError:
+        return {}
+    return {name: facts[name] for name in THREAD_SETTINGS if str(facts.get(name, "")).isdigit()}
 
 
 def run_manifest(

@@ -1,0 +1,151 @@
+"""Level L2: the recorded events, fed to the core, give the recorded effects.
+
+Bit for bit where the fingerprints are equal; otherwise logits within 1e-5, other floats within 1e-6, and the
+same action wherever the top two logits are more than 1e-4 apart. Knows events and effects, no bytes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from hippomat_core import messages as m
+from hippomat_core.config import Config
+from hippomat_core.step import initial_state, step
+from hippomat_logs.reader import Record
+from hippomat_logs.report import FAILED, OK, Divergence, LevelResult
+from hippomat_logs.schema import EFFECTS, EVENTS, MessageStore, differences
+
+LOGITS_TOLERANCE = 1e-5
+FLOAT_TOLERANCE = 1e-6
+TIE_MARGIN = 1e-4
+
+
+class EffectComparison:
+    """Compare effects with recorded ones, one after the other."""
+
+    def __init__(self, store: MessageStore, exact: bool) -> None:
+        self._store = store
+        self.exact = exact
+        self.near_ties = 0
+
+    def first_difference(self, recorded: Any, replayed: Any) -> tuple[str, Any, Any] | None:
+        """(field, recorded, replayed) of the first difference that counts."""
+        if type(recorded) is not type(replayed):
+            return "effect", type(recorded).__name__, type(replayed).__name__
+        if self._store.encode(recorded) == self._store.encode(replayed):
+            return None
+        name = type(recorded).__name__
+        for path, a, b in differences(recorded, replayed):
+            if self.exact or not self._tolerated(recorded, path, a, b):
+                return f"{name}.{path}", a, b
+        return (name, recorded, replayed) if self.exact else None
+
+    def _tolerated(self, recorded: Any, path: str, a: Any, b: Any) -> bool:
+        if isinstance(recorded, m.RoundDecided) and path == "action" and self._is_near_tie(recorded):
+            self.near_ties += 1
+            return True
+        if isinstance(a, float) and isinstance(b, float):
+            limit = LOGITS_TOLERANCE if path.startswith("logits") else FLOAT_TOLERANCE
+            return math.isclose(a, b, rel_tol=limit, abs_tol=limit)
+        return False
+
+    @staticmethod
+    def _is_near_tie(decided: m.RoundDecided) -> bool:
+        top = np.sort(np.asarray(decided.logits))[-2:]
+        return len(top) == 2 and float(top[1] - top[0]) <= TIE_MARGIN
+
+
+class DecisionReplay:
+    """Feed every record of one run in order, then ask for the result. Stops at the first divergence."""
+
+    def __init__(
+        self,
+        config: Config,
+        policy: bytes | None,
+        store: MessageStore,
+        exact: bool,
+        started_ns: int,
+        wall_offset_ns: int,
+    ) -> None:
+        self._state = initial_state(config, policy)
+        self._robot = config.robot.id
+        self._started_ns, self._offset_ns = started_ns, wall_offset_ns
+        self._compare = EffectComparison(store, exact)
+        self._pending: Iterator[m.Effect] = iter(())
+        self._tick = self._events = self._effects = self._decisions = 0
+        self._last: Record | None = None
+        self._notes: list[str] = []
+        self._stopped = False  # behind a near-tie the two runs are different runs
+        self.divergence: Divergence | None = None
+
+    def feed(self, record: Record) -> None:
+        if self.divergence is not None or self._stopped:
+            return
+        if type(record.message) in EVENTS:
+            self._no_more(record)
+            if self.divergence is None:
+                self._event(record)
+        elif type(record.message) in EFFECTS:
+            self._effect(record)
+
+    def result(self, may_be_cut: bool) -> LevelResult:
+        """may_be_cut: the log's end was lost, so effects of its last event may be missing."""
+        if self._last is not None and not may_be_cut and not self._stopped:
+            self._no_more(self._last)
+        how = "bit-equal" if self._compare.exact else "within tolerances: another machine or library"
+        detail = f"{self._decisions} decisions, {self._effects} effects of {self._events} events, {how}"
+        status = OK if self.divergence is None and self._decisions else FAILED
+        if self.divergence is None and not self._decisions:
+            if self._effects and self._robot < 0:
+                status = OK  # an observer decides nothing; its effects were compared
+            else:
+                detail += ": nothing was compared, which is a failure"
+        return LevelResult("L2", status, self._decisions, "decisions", detail, self._notes, self.divergence)
+
+    def _event(self, record: Record) -> None:
+        self._last = record
+        self._events += 1
+        self._tick += isinstance(record.message, m.Tick)
+        try:
+            self._state, effects = step(self._state, record.message)
+        except Exception as error:  # whatever the core raises is a finding about this record
+            effects = ()
+            found = f"{type(error).__name__}: {error}"
+            self._diverge(record, type(record.message).__name__, "an event", found)
+        self._pending = iter(effects)
+
+    def _effect(self, record: Record) -> None:
+        replayed = next(self._pending, None)
+        if replayed is None:
+            self._diverge(record, type(record.message).__name__, record.message, "no further effect")
+            return
+        ties = self._compare.near_ties
+        found = self._compare.first_difference(record.message, replayed)
+        if found is not None:
+            self._diverge(record, *found)
+            return
+        self._effects += 1
+        self._decisions += isinstance(record.message, m.RoundDecided)
+        if self._compare.near_ties > ties:
+            self._stopped = True
+            self._notes.append(
+                f"near-tie at tick {self._tick} (record {record.number}): the two best logits are within "
+                f"{TIE_MARGIN}, the other action was taken; nothing behind it can be compared"
+            )
+
+    def _no_more(self, record: Record) -> None:
+        """The next event came: the one before must have no effect left."""
+        left = next(self._pending, None)
+        if left is not None:
+            self._diverge(record, type(left).__name__, "no such effect", dataclasses.asdict(left))
+
+    def _diverge(self, record: Record, field: str, recorded: Any, replayed: Any) -> None:
+        time_s = (record.log_time_ns - self._offset_ns - self._started_ns) / 1e9
+        self.divergence = Divergence(
+            "L2", self._robot, self._tick, record.number, time_s, field, recorded, replayed
+        )

@@ -1,0 +1,117 @@
+"""A short run of the core, recorded as the daemon does: bytes, the events in them, effects, bytes again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hippomat_core import messages as m
+from hippomat_core.config import Config, FleetConfig, RobotConfig
+from hippomat_core.step import initial_state, step
+from hippomat_core.wire import codec, frames, jetbot_base, link, rplidar
+from hippomat_logs.byte_events import ByteStream
+from hippomat_logs.manifest import run_manifest
+from hippomat_logs.recorder import Recorder
+
+CONFIG = Config(
+    fleet=FleetConfig(size=3, task_slots=4),
+    robot=RobotConfig(id=0, start_x_m=1.0, start_y_m=1.0, start_known=True),
+)
+WALL_NS, START_NS = 1_700_000_000_000_000_000, 5_000_000_000
+
+
+def room() -> m.MapReceived:
+    """5 m by 5 m, walls around."""
+    cells = np.zeros((100, 100), np.int8)
+    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = 100, 100, 100, 100
+    return m.MapReceived(START_NS, 1, 100, 100, 0.05, 0.0, 0.0, cells.ravel())
+
+
+class RecordedRun:
+    """Feeds the core and a recorder alike, as one daemon would."""
+
+    def __init__(self, directory: Path, config: Config = CONFIG, **options: Any) -> None:
+        manifest = run_manifest(config, session_id="0000abcd")
+        self.recorder = Recorder(
+            directory, manifest, config=config, wall_ns=WALL_NS, stamp_ns=START_NS, lossless=True, **options
+        )
+        self._state = initial_state(config)
+        self._streams = {port: ByteStream(port, 0) for port in range(3)}
+        self.decisions = 0
+
+    def event(self, event: m.Event) -> None:
+        self.recorder.event(event)
+        self._state, effects = step(self._state, event)
+        for effect in effects:
+            self.recorder.effect(event.stamp_ns, effect)
+            self.decisions += isinstance(effect, m.RoundDecided)
+            self._write(event.stamp_ns, effect)
+
+    def _write(self, stamp_ns: int, effect: m.Effect) -> None:
+        if isinstance(effect, m.Drive):
+            data = jetbot_base.encode_velocity(effect.v_mps, effect.wz_radps)
+            self.recorder.serial(stamp_ns, m.BASE, 1, 1, data)
+        elif isinstance(effect, m.SendState | m.SendTasks):
+            body = link.SendBody(codec.kind_of(effect.frame), codec.encode_body(effect.frame))
+            self.recorder.serial(stamp_ns, m.RADIO, 1, 1, link.encode_message(body))
+
+    def read(self, stamp_ns: int, port: int, data: bytes) -> None:
+        self.recorder.serial(stamp_ns, port, 0, 1, data)
+        for event, _ in self._streams[port].feed(stamp_ns, data):
+            if event is not None:
+                self.event(event)
+
+    def identify(self, stamp_ns: int) -> None:
+        """What the three devices said of themselves."""
+        hello = link.encode_message(link.Hello(1, CONFIG.robot.id, CONFIG.fleet.id, 1))
+        reply = link.HelloReply(1, 1, 77, 3, 1, bytes(6), CONFIG.robot.id, CONFIG.fleet.id, 1, "radio", "abc")
+        info = rplidar.encode_info(rplidar.Info(24, 29, 1, 7, bytes(16)))
+        self.recorder.serial(stamp_ns, m.RADIO, 1, 0, hello)
+        self.recorder.serial(stamp_ns, m.RADIO, 0, 0, link.encode_message(reply))
+        self.recorder.serial(stamp_ns, m.BASE, 0, 0, jetbot_base.encode_feedback(jetbot_base.Feedback()))
+        self.recorder.serial(stamp_ns, m.LIDAR, 1, 0, rplidar.request(rplidar.GET_INFO))
+        self.recorder.serial(stamp_ns, m.LIDAR, 0, 0, info)
+
+
+def record_run(directory: Path, ticks: int = 40, close: bool = True, **options: Any) -> RecordedRun:
+    """`ticks` * 50 ms: a robot in a room hears one peer; seeded by nothing, the same every time."""
+    run = RecordedRun(directory, **options)
+    run.identify(START_NS)
+    run.event(m.Started(START_NS))
+    run.event(room())
+    for port in range(3):
+        run.event(m.PortOpened(START_NS, port, m.PORT_NAMES[port]))
+    sweep = sweep_bytes()
+    for k in range(ticks):
+        stamp_ns = START_NS + k * 50_000_000
+        forward = jetbot_base.Feedback(delta_x_mm=3, odom_x_mm=3 * k % 30000, wheels=(5, 5, 5, 5))
+        run.read(stamp_ns, m.BASE, jetbot_base.encode_feedback(forward))
+        if k % 2 == 0:
+            run.read(stamp_ns + 5_000_000, m.RADIO, peer_bytes(k))
+        half = len(sweep) // 2
+        run.read(stamp_ns + 6_000_000, m.LIDAR, sweep[:half] if k % 2 == 0 else sweep[half:])
+        run.event(m.Tick(stamp_ns + 10_000_000))
+        run.recorder.timing(stamp_ns + 10_000_000, 900_000, 1000)
+    if close:
+        run.recorder.close()
+    return run
+
+
+def sweep_bytes() -> bytes:
+    start = np.zeros(90, np.bool_)
+    start[0] = True
+    angle = np.arange(90, dtype=np.uint16) * 256
+    return rplidar.encode_samples(np.full(90, 20, np.uint8), angle, np.full(90, 4 * 1500, np.uint16), start)
+
+
+def peer_bytes(k: int) -> bytes:
+    none = frames.AirClaim(frames.NO_SLOT, 0, 0, 0, False, 0, 0, 0, 0, 0)
+    blank = np.zeros(4, np.uint8)
+    state = frames.StateFrame(
+        frames.IDLE, frames.FLAG_LOCALIZED, 300, 300, 0, 0, 0, none, blank + 9, blank, 60, 60, 0,
+        blank[:0], 1, blank[:3], 1, 1, 0,
+    )  # fmt: skip
+    header = frames.Header(frames.STATE, CONFIG.fleet.id, 1, 9, k + 1, 50_000 * k)
+    return link.encode_message(link.Heard(50_000 * k, -50, codec.encode_frame(header, state)))
