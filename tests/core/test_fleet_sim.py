@@ -85,6 +85,9 @@ class Lab:
             self.now_ns, _, action = heapq.heappop(self.queue)
             action()
 
+    def confirmed_holders(self) -> list[int]:
+        return [k.id for k in self.robots if is_confirmed_at(k.fleet, self.now_ns + k.clock_ns)]
+
     def twice_completed(self) -> list[tuple[tuple[int, int], list[tuple[int, int]]]]:
         return [(task, times) for task, times in self.completed.items() if len(times) > 1]
 
@@ -303,7 +306,7 @@ def test_robots_that_reboot_never_give_a_task_two_confirmed_holders(turnover):
 def test_a_holder_that_only_hears_is_unconfirmed_before_another_is_confirmed(seed):
     """The overlap of the dead man: his votes still count where the voters no longer hear him."""
 
-    def hears(sender: int, receiver: int, second: float) -> bool:
+    def hears(sender: int, _: int, second: float) -> bool:
         return not (8 < second < 16 and sender in mute)
 
     config = fleet_config(5, 1, turnover="on_completion")
@@ -314,9 +317,7 @@ def test_a_holder_that_only_hears_is_unconfirmed_before_another_is_confirmed(see
     assert len(holders) == 1
     mute.update(holders)
     lab.run(6.5)
-    confirmed = [
-        robot.id for robot in lab.robots if is_confirmed_at(robot.fleet, lab.now_ns + robot.clock_ns)
-    ]
+    confirmed = lab.confirmed_holders()
     assert len(confirmed) == 1
     assert confirmed != holders, "the task went back to the pool"
 

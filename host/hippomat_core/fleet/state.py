@@ -175,11 +175,17 @@ def heard_state(fleet: FleetState, stamp_ns: int, header: Header, frame: StateFr
     peer = Peer(sender, stamp_ns, stamp_ns, header.boot, header.sequence, rssi_dbm, frame, agrees)
     fleet, effects = _digest_alarm(fleet, peer)
     effects += _claim_news(known, peer)
-    fleet = replace(fleet, peers=_put(fleet.peers, sender, peer))
-    if agrees:
-        fleet, more = _learn_from_row(fleet, peer, stamp_ns)
-        effects += more
-    return fleet, effects
+    peers = _put(fleet.peers, sender, peer)
+    if not agrees:
+        return replace(fleet, peers=peers), effects
+    tasks = _learnt_from_claim(fleet, peer, stamp_ns)
+    if tasks is not fleet.tasks:
+        effects += turned_effects(fleet.tasks, tasks, "heard")
+    digests_agree = frame.generations_digest == tasks.digest
+    votes = rule_f.after_row(
+        fleet.votes, sender, peer.claim, digests_agree, tasks.generations, stamp_ns, fleet.timing
+    )
+    return replace(fleet, peers=peers, tasks=tasks, votes=votes), effects
 
 
 def heard_tasks(fleet: FleetState, stamp_ns: int, header: Header, frame: TasksFrame) -> Heard:
@@ -211,23 +217,13 @@ def heard_relay(fleet: FleetState, stamp_ns: int, header: Header, frame: RelayFr
     return replace(fleet, peers=peers, votes=votes), []
 
 
-def _learn_from_row(fleet: FleetState, peer: Peer, stamp_ns: int) -> Heard:
-    tasks, claim = fleet.tasks, peer.frame.claim
-    if peer.claim is not None and claim.generation > tasks.generations[claim.slot]:
-        # a claim proves its generation: no need to wait for TASKS
-        task = TaskSlot(claim.slot, claim.generation, WAITING, claim.x_cm, claim.y_cm, claim.z_cm)
-        tasks = tasks.advanced(task, fleet.sites, stamp_ns)
-    effects: list[Effect] = list(turned_effects(fleet.tasks, tasks, "heard"))
-    votes = rule_f.after_row(
-        fleet.votes,
-        peer.robot,
-        peer.claim,
-        peer.frame.generations_digest == tasks.digest,
-        tasks.generations,
-        stamp_ns,
-        fleet.timing,
-    )
-    return replace(fleet, tasks=tasks, votes=votes), effects
+def _learnt_from_claim(fleet: FleetState, peer: Peer, stamp_ns: int) -> Tasks:
+    """A claim proves its generation: no need to wait for TASKS."""
+    claim = peer.frame.claim
+    if peer.claim is None or claim.generation <= fleet.tasks.generations[claim.slot]:
+        return fleet.tasks
+    task = TaskSlot(claim.slot, claim.generation, WAITING, claim.x_cm, claim.y_cm, claim.z_cm)
+    return fleet.tasks.advanced(task, fleet.sites, stamp_ns)
 
 
 def _fits(fleet: FleetState, frame: StateFrame) -> bool:

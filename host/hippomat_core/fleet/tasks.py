@@ -45,10 +45,10 @@ class Tasks:
             config.seed,
             config.task_source == CONTINUOUS and config.turnover != "never",
             config.task_source == CONTINUOUS,
-            np.zeros(m, np.uint16),
-            np.full(m, INACTIVE, np.uint8),
-            np.zeros((m, 3), np.int16),
-            np.full(m, -(10**18), np.int64),
+            _frozen(np.zeros(m, np.uint16)),
+            _frozen(np.full(m, INACTIVE, np.uint8)),
+            _frozen(np.zeros((m, 3), np.int16)),
+            _frozen(np.full(m, -(10**18), np.int64)),
         )
 
     @staticmethod
@@ -60,7 +60,8 @@ class Tasks:
         check_sites(sites, config.task_slots)
         m = config.task_slots
         places = [slot_site(sites, config.seed, m, slot, 0) for slot in range(m)]
-        return replace(tasks, states=np.full(m, WAITING, np.uint8), positions_cm=np.asarray(places, np.int16))
+        positions_cm = _frozen(np.asarray(places, np.int16))
+        return replace(tasks, states=_frozen(np.full(m, WAITING, np.uint8)), positions_cm=positions_cm)
 
     @property
     def digest(self) -> int:
@@ -144,5 +145,9 @@ def turned_effects(before: Tasks, after: Tasks, cause: str) -> list[TaskTurned]:
 def _with(array: NDArray[T], index: int, value: ArrayLike) -> NDArray[T]:
     changed = array.copy()
     changed[index] = value
-    changed.flags.writeable = False
-    return changed
+    return _frozen(changed)
+
+
+def _frozen(array: NDArray[T]) -> NDArray[T]:
+    array.flags.writeable = False
+    return array
