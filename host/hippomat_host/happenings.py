@@ -1,0 +1,42 @@
+"""What the daemon's loop is told, one value per thing that happened. Knows no port and no clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+START, MAP, TICK, READ, OPENED, LOST, NOTE, END = (
+    "start",
+    "map",
+    "tick",
+    "read",
+    "opened",
+    "lost",
+    "note",
+    "end",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Exchanged:
+    """Bytes of an identification; direction as in hippomat_logs.records."""
+
+    stamp_ns: int
+    direction: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """One thing that happened at `stamp_ns`; `port` is one of messages.RADIO, BASE, LIDAR where there is one.
+
+    data: the bytes of a READ. text: what an OPENED device said of itself, why it was LOST, or a NOTE.
+    exchanged: how an OPENED device was identified. lag_ns: how late a TICK is.
+    """
+
+    stamp_ns: int
+    what: str
+    port: int = -1
+    data: bytes = b""
+    text: str = ""
+    exchanged: tuple[Exchanged, ...] = ()
+    lag_ns: int = 0

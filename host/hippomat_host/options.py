@@ -1,0 +1,152 @@
+"""The command line of the daemon: what may be said, and the one configuration that comes of it.
+
+Reads the configuration file, knows no port and no clock. Wrong usage is a UsageError with exit code 1: in this
+project 2 means "diverged".
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any, NoReturn
+
+from hippomat_core.config import Config, config_from_dict, config_to_dict, parse_config
+from hippomat_core.errors import ConfigError, HippomatError
+from hippomat_core.messages import BASE, LIDAR, PORT_NAMES, RADIO
+from hippomat_host.acceptance import FLAGS
+from hippomat_host.advice import Given
+from hippomat_host.serial_port import STABLE_NAMES, existing_ports
+
+DESCRIPTION = """\
+The robot's daemon: takes part in the fleet that its radio hears, drives the base, records everything.
+With --port alone it observes: it shows the fleet, records, requests nothing and moves nothing.
+"""
+EPILOG = """\
+commands:
+  hippomat-host ports [DEV ...]   list the serial ports and what is behind each
+
+examples:
+  hippomat-host --port /dev/ttyACM0
+      watch and record the fleet
+  hippomat-host --port /dev/ttyACM0 --base /dev/ttyACM1 --lidar /dev/ttyUSB0 \\
+                --map lab.yaml --robot 3 --start 1.0,0.5,0
+      be robot 3
+
+Ports that are not given default to /dev/hippomat-radio, /dev/hippomat-base and /dev/hippomat-lidar where udev
+rules have made them. Ctrl-C (SIGINT), SIGTERM and SIGHUP stop the motors first and then finish the log.
+
+exit codes:
+  0  stopped as asked
+  1  wrong usage, or something is missing, busy or does not fit (one line on stderr says what to do)
+"""
+
+
+class UsageError(HippomatError):
+    """The command line cannot be understood."""
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse would exit with 2."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message}; see `{self.prog} --help`")
+
+
+def parser() -> Parser:
+    """The daemon's options."""
+    options = Parser(
+        prog="hippomat-host",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        usage="hippomat-host --port DEV [options]\n       hippomat-host ports [DEV ...]",
+        allow_abbrev=False,
+    )
+    ports = options.add_argument_group("ports")
+    ports.add_argument("--port", metavar="DEV", help="the radio (ESP32-S3)")
+    ports.add_argument("--base", metavar="DEV", help="the base: motors, encoders, IMU")
+    ports.add_argument("--lidar", metavar="DEV", help="the lidar (RPLIDAR A1)")
+    robot = options.add_argument_group("robot and fleet")
+    robot.add_argument("--config", metavar="FILE", help="settings (TOML); command-line options win over it")
+    robot.add_argument(
+        "--map", metavar="YAML", help="the map that the whole fleet shares (ROS map_server format)"
+    )
+    robot.add_argument("--robot", metavar="N", type=int, help="this robot's id; without one it only observes")
+    robot.add_argument("--start", metavar="X,Y,YAW", help="where it stands: metres and radians, map frame")
+    log = options.add_argument_group("recording").add_mutually_exclusive_group()
+    log.add_argument("--log", metavar="DIR", help="directory of the run logs (default: runs)")
+    log.add_argument("--no-log", action="store_true", help="record nothing")
+    replay = options.add_argument_group("replay")
+    replay.add_argument(
+        "--lockstep", metavar="SOCKET", help="take clock and reads from a replayer (hippomat-replay)"
+    )
+    return options
+
+
+def config_of(args: argparse.Namespace) -> Config:
+    """Defaults, then the file, then the command line; raises ConfigError for whatever does not fit."""
+    tree = config_to_dict(_from_file(args.config) if args.config else Config())
+    if args.robot is not None:
+        if args.robot < 0:
+            raise ConfigError(f"--robot {args.robot} is not an id; ids begin at 0")
+        tree["robot"]["id"] = args.robot
+    if args.start is not None:
+        tree["robot"] |= _start(args.start)
+    if args.log is not None:
+        tree["log"] |= {"directory": args.log, "enabled": True}
+    if args.no_log:
+        tree["log"]["enabled"] = False
+    return config_from_dict(tree, args.config or "command line")
+
+
+def given_of(args: argparse.Namespace, config: Config) -> Given:
+    """What there is to work with; raises UsageError where there is no radio at all."""
+    paths = {}
+    for port, stable, value in zip((RADIO, BASE, LIDAR), STABLE_NAMES, _flags(args), strict=True):
+        paths[port] = value or (stable if os.path.exists(stable) else "")
+    if not paths[RADIO]:
+        raise UsageError(f"--port is missing: the radio's serial port; {existing_ports()}")
+    _check_distinct(paths)
+    robot = config.robot
+    start = f"{robot.start_x_m:g},{robot.start_y_m:g},{robot.start_yaw_rad:g}" if robot.start_known else ""
+    return Given(
+        *(paths[RADIO], paths[BASE], paths[LIDAR]), args.config or "", args.map or "", config.robot.id, start
+    )
+
+
+def _flags(args: argparse.Namespace) -> tuple[str | None, str | None, str | None]:
+    return args.port, args.base, args.lidar
+
+
+def _check_distinct(paths: dict[int, str]) -> None:
+    seen: dict[str, int] = {}
+    for port, path in paths.items():
+        device = os.path.realpath(path)
+        if path and device in seen:
+            first = seen[device]
+            raise UsageError(
+                f"{path} was given as {FLAGS[first]} and as {FLAGS[port]}: {PORT_NAMES[first]} and "
+                f"{PORT_NAMES[port]} are two devices; `hippomat-host ports` tells them apart"
+            )
+        seen[device] = port
+
+
+def _from_file(path: str) -> Config:
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"--config {path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"--config {path}: is not a text file; it must be TOML") from None
+    return parse_config(text, path)
+
+
+def _start(text: str) -> dict[str, Any]:
+    try:
+        x_m, y_m, yaw_rad = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ConfigError(
+            f"--start {text!r} is not X,Y,YAW (metres, metres, radians), e.g. 1.0,0.5,0"
+        ) from None
+    return {"start_x_m": x_m, "start_y_m": y_m, "start_yaw_rad": yaw_rad, "start_known": True}

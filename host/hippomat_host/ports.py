@@ -1,0 +1,70 @@
+"""`hippomat-host ports`: every serial port of this machine and what is behind it, busy ones included."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.table import Table
+
+from hippomat_core.errors import PortError
+from hippomat_core.messages import RADIO
+from hippomat_core.wire.link import LINK_VERSION, NO_ROBOT, Hello
+from hippomat_host.acceptance import FLAGS, WIFI_CHANNEL
+from hippomat_host.identify import UNKNOWN
+from hippomat_host.probe import probe
+from hippomat_host.serial_port import owner_of, present_ports
+
+_LISTENER = Hello(LINK_VERSION, NO_ROBOT, 0, WIFI_CHANNEL)  # a radio without an id stays without one
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """One row: the device, what it is, what it says, the flag that wants it, its other names."""
+
+    path: str
+    what: str
+    text: str
+    flag: str
+    names: tuple[str, ...]
+
+
+def list_ports(paths: Sequence[str]) -> int:
+    """Print the table of `paths`, or of all ports; 0 if there was any, else 1 and a line that says so."""
+    devices = sorted({os.path.realpath(path): path for path in paths or present_ports()}.values())
+    if not devices:
+        raise PortError(
+            "no serial port is plugged in (looked for /dev/ttyACM*, /dev/ttyUSB*, /dev/hippomat-*)"
+        )
+    with ThreadPoolExecutor(max_workers=len(devices)) as pool:
+        rows = list(pool.map(_found, devices))
+    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0))
+    for name in ("port", "what", "details", "use as", "also called"):
+        table.add_column(name, overflow="fold")
+    for row in rows:
+        table.add_row(row.path, row.what, row.text, row.flag, "\n".join(row.names))
+    Console(highlight=False).print(table)
+    return 0
+
+
+def _found(path: str) -> Found:
+    names = _names(path)
+    owner = owner_of(path)
+    if owner is not None:
+        return Found(path, "busy", f"used by process {owner[0]} ({owner[1][:60]})", "", names)
+    try:
+        identity = probe(path, _LISTENER, RADIO)
+    except PortError as error:
+        return Found(path, "-", str(error).removeprefix(f"{path}: ").removeprefix(f"{path} "), "", names)
+    flag = "" if identity.port == UNKNOWN else f"{FLAGS[identity.port]} {path}"
+    return Found(path, identity.name, identity.text, flag, names)
+
+
+def _names(path: str) -> tuple[str, ...]:
+    device = os.path.realpath(path)
+    links = [*glob.glob("/dev/serial/by-id/*"), *glob.glob("/dev/hippomat-*")]
+    return tuple(sorted(link for link in links if link != path and os.path.realpath(link) == device))

@@ -1,0 +1,34 @@
+"""Identify what is behind one port, and wait for it: `hippomat-host ports`, and naming a wrong device."""
+
+from __future__ import annotations
+
+import os
+import select
+import time
+
+from hippomat_core.errors import PortError
+from hippomat_core.wire.link import Hello
+from hippomat_host.identify import UNKNOWN, Identifier, Identity
+from hippomat_host.serial_port import open_port, read_port, write_port
+
+
+def probe(path: str, hello: Hello, expected: int) -> Identity:
+    """At most about two seconds; raises PortError where the port cannot be opened."""
+    fd = open_port(path)
+    try:
+        return _identify(fd, Identifier(time.monotonic_ns(), hello, expected))
+    except OSError as error:
+        raise PortError(f"{path} went away while it was identified: {error.strerror or error}") from None
+    finally:
+        os.close(fd)
+
+
+def _identify(fd: int, identifier: Identifier) -> Identity:
+    while identifier.identity is None:
+        now_ns = time.monotonic_ns()
+        if select.select([fd], [], [], max(0, identifier.due_ns - now_ns) / 1e9)[0]:
+            identifier.feed(read_port(fd))
+        asked = identifier.poll(time.monotonic_ns())
+        if asked:
+            write_port(fd, asked)
+    return identifier.identity or Identity(UNKNOWN, "silent")

@@ -1,0 +1,147 @@
+"""Open a serial device for one process alone: raw 115200 8N1, never blocking. Knows termios, no protocol.
+
+Light on purpose: the motor guard starts with it. Works on USB serial adapters and on pseudo-terminals, which
+have no control lines (TIOCMBIC answers ENOTTY) and keep TIOCEXCL beyond our death, so they only get the lock.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import glob
+import os
+import struct
+import termios
+
+from hippomat_core.errors import PortError
+
+STABLE_NAMES = ("/dev/hippomat-radio", "/dev/hippomat-base", "/dev/hippomat-lidar")
+_PATTERNS = ("/dev/ttyACM*", "/dev/ttyUSB*")
+_DTR = struct.pack("I", termios.TIOCM_DTR)
+
+
+def present_ports() -> list[str]:
+    """Serial devices of this machine: USB serial ports, and the stable names that udev rules gave them."""
+    named = [path for path in STABLE_NAMES if os.path.exists(path)]
+    return [*named, *sorted(path for pattern in _PATTERNS for path in glob.glob(pattern))]
+
+
+def open_port(path: str) -> int:
+    """A file descriptor of `path`, ours alone; raises PortError in one line that says what to do."""
+    try:
+        fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        raise PortError(_why_not(path, error)) from None
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _set_raw(fd)
+    except BlockingIOError:
+        os.close(fd)
+        raise PortError(_busy(path)) from None
+    except termios.error:
+        os.close(fd)
+        raise PortError(f"{path} is not a serial port; {existing_ports()}") from None
+    except OSError as error:
+        os.close(fd)
+        raise PortError(f"{path} cannot be used: {error.strerror or error}") from None
+    return fd
+
+
+def motor_on(fd: int) -> None:
+    """Let a lidar's motor run: its adapter stops the motor while DTR is set, and opening sets it."""
+    _control(fd, termios.TIOCMBIC)
+
+
+def motor_off(fd: int) -> None:
+    """Stop a lidar's motor; it stays off after close because HUPCL is cleared."""
+    _control(fd, termios.TIOCMBIS)
+
+
+def read_port(fd: int, limit: int = 4096) -> bytes:
+    """What is there, b"" for nothing yet; raises OSError once the device is gone."""
+    try:
+        data = os.read(fd, limit)
+    except BlockingIOError:
+        return b""
+    if not data:  # end of file: the other side hung up
+        raise OSError(errno.EIO, "the device went away")
+    return data
+
+
+def write_port(fd: int, data: bytes) -> int:
+    """How many bytes the port took; raises OSError once the device is gone."""
+    try:
+        return os.write(fd, data)
+    except BlockingIOError:
+        return 0
+
+
+def existing_ports() -> str:
+    """For the end of a message: which ports there are."""
+    ports = present_ports()
+    return f"ports that exist: {', '.join(ports)}" if ports else "no serial port is plugged in"
+
+
+def owner_of(path: str) -> tuple[int, str] | None:
+    """(pid, command) of another process that has `path` open, where /proc lets us see it."""
+    device, own = os.path.realpath(path), str(os.getpid())
+    for directory in glob.glob("/proc/[0-9]*/fd"):
+        pid = directory.split("/")[2]
+        with contextlib.suppress(OSError):
+            if pid != own and any(_names(f"{directory}/{fd}", device) for fd in os.listdir(directory)):
+                return int(pid), _command(pid)
+    return None
+
+
+def _names(link: str, device: str) -> bool:
+    try:
+        return os.readlink(link) == device
+    except OSError:  # closed between listing and reading
+        return False
+
+
+def _command(pid: str) -> str:
+    try:
+        with open(f"/proc/{pid}/cmdline", "rb") as file:
+            return file.read().replace(b"\0", b" ").decode(errors="replace").strip() or "?"
+    except OSError:
+        return "?"
+
+
+def _busy(path: str) -> str:
+    owner = owner_of(path)
+    if owner is None:
+        return f"{path} is in use by another process (of another user?): find it with `sudo fuser {path}`"
+    pid, command = owner
+    return f"{path} is in use by process {pid} ({command[:80]}): stop it first, e.g. `kill {pid}`"
+
+
+def _why_not(path: str, error: OSError) -> str:
+    if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
+        return f"{path} does not exist; {existing_ports()}"
+    if error.errno == errno.EACCES:
+        return f"{path}: no permission; join its group: `sudo usermod -aG dialout $USER`, then log in again"
+    if error.errno == errno.EBUSY:
+        return _busy(path)
+    return f"{path} cannot be opened: {error.strerror or error}"
+
+
+def _set_raw(fd: int) -> None:
+    attributes = termios.tcgetattr(fd)
+    control = attributes[6]
+    control[termios.VMIN], control[termios.VTIME] = 0, 0
+    # CLOCAL: no modem. No HUPCL: closing must neither reset the ESP32 nor start a lidar's motor.
+    flags = termios.CS8 | termios.CREAD | termios.CLOCAL
+    raw = [0, 0, flags, 0, termios.B115200, termios.B115200, control]
+    termios.tcsetattr(fd, termios.TCSANOW, raw)  # TCSAFLUSH would drop what is already there
+    if not os.ttyname(fd).startswith("/dev/pts/"):
+        fcntl.ioctl(fd, termios.TIOCEXCL)
+
+
+def _control(fd: int, request: int) -> None:
+    try:
+        fcntl.ioctl(fd, request, _DTR)
+    except OSError as error:
+        if error.errno not in (errno.ENOTTY, errno.EINVAL):
+            raise

@@ -1,0 +1,179 @@
+"""From a configuration to a running daemon and back: links, log, loop, clean stop, and what goes wrong.
+
+Decides the order of starting and stopping. What the daemon does meanwhile is in daemon.py.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from hippomat_core.config import Config
+from hippomat_core.errors import ConfigError, HippomatError
+from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.messages import BASE, LIDAR, RADIO
+from hippomat_host.acceptance import accept, hello_of
+from hippomat_host.advice import Given
+from hippomat_host.daemon import Daemon, NoRecording, Recording
+from hippomat_host.guard_link import GuardLink
+from hippomat_host.links import Link, SerialLink
+from hippomat_host.lockstep import LockstepReactor
+from hippomat_host.reactor import Reactor, RealReactor, StopSignal
+from hippomat_host.screen import Screen, screen_for
+from hippomat_logs.manifest import new_session_id, run_manifest
+from hippomat_logs.map_files import load_map
+from hippomat_logs.recorder import Recorder
+from hippomat_logs.recovery import recover_directory
+
+
+def run(config: Config, given: Given, lockstep: str | None) -> int:
+    """The daemon from start to exit code; raises HippomatError for what the user can put right."""
+    policy = _policy(config)
+    grid = load_map(given.map) if given.map else None
+    if config.log.enabled and lockstep is None:
+        for line in recover_directory(config.log.directory):
+            print(f"earlier log {line}", flush=True)
+    links = make_links(config, given)
+    try:
+        with StopSignal() as stop, closing_all(links):
+            return _run(config, given, lockstep, links, stop, policy, grid)
+    except HippomatError:
+        raise
+    except Exception as fault:  # the motors have been stopped by now
+        raise _as_error(fault, config) from None
+
+
+@contextlib.contextmanager
+def closing_all(links: list[Link]) -> Iterator[None]:
+    """Whatever happens, no link stays open; the base's is closed first."""
+    try:
+        yield
+    finally:
+        for link in sorted(links, key=lambda link: link.port != BASE):
+            link.close()
+
+
+def make_links(config: Config, given: Given) -> list[Link]:
+    """Links of the given ports, radio first; nothing is opened yet."""
+    hello, check = hello_of(config), partial(accept, config)
+    links: list[Link] = [SerialLink(RADIO, given.radio, hello, check)]
+    if given.base:
+        links.append(GuardLink(given.base, hello, check))
+    if given.lidar:
+        links.append(SerialLink(LIDAR, given.lidar, hello, check))
+    return links
+
+
+def _run(
+    config: Config,
+    given: Given,
+    lockstep: str | None,
+    links: list[Link],
+    stop: StopSignal,
+    policy: bytes | None,
+    grid: OccupancyGrid | None,
+) -> int:
+    reactor: Reactor
+    if lockstep is None:
+        reactor = RealReactor(links, stop, grid is not None)
+    else:
+        reactor = LockstepReactor(lockstep, links, stop, grid is not None)
+    if stop.name:  # before there was anything to record
+        return 0
+    stamp_ns = reactor.begin()
+    recording = _recording(config, given, stamp_ns, policy, grid, lossless=lockstep is not None)
+    screen = screen_for(given)
+    daemon = Daemon(config, links, recording, screen, policy, grid)
+    _welcome(screen, given, config)
+    fault: Exception | None = None
+    reason = ""
+    try:
+        reason = daemon.run(reactor)
+    except Exception as error:
+        fault = error
+    log = daemon.stop()
+    screen.line(f"stopped{f' ({reason})' if reason else ''}; motors first")
+    if log.file:
+        lost = f", {log.lost} LOST" if log.lost else ""
+        screen.line(f"log {Path(config.log.directory) / log.file}: {log.records} records{lost}")
+    screen.close()
+    reactor.close()
+    if fault is not None:
+        raise fault
+    return 0
+
+
+def _welcome(screen: Screen, given: Given, config: Config) -> None:
+    if given.observes:
+        screen.line("observing: shows and records the fleet, requests nothing, moves nothing")
+    if given.missing:
+        screen.line(f"missing: {', '.join(given.missing)}")
+        screen.line(f"next: {given.next_command()}")
+    if not given.observes and config.fleet.allocator == "hungarian":
+        screen.line("allocator: hungarian on the shared snapshot (no trained policy is in use)")
+
+
+def _recording(
+    config: Config,
+    given: Given,
+    stamp_ns: int,
+    policy: bytes | None,
+    grid: OccupancyGrid | None,
+    lossless: bool,
+) -> Recording:
+    if not config.log.enabled:
+        return NoRecording()
+    extra = {"command": shlex.join(sys.argv), "map": given.map}
+    map_hash = b"" if grid is None else grid.hash()
+    manifest = run_manifest(
+        config, session_id=new_session_id(), map_hash=map_hash, policy=policy, extra=extra
+    )
+    directory = Path(config.log.directory)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        return Recorder(
+            directory,
+            manifest,
+            config=config,
+            wall_ns=time.time_ns(),
+            stamp_ns=stamp_ns,
+            lossless=lossless,
+        )
+    except OSError as error:
+        raise HippomatError(
+            f"cannot record into {directory}: {error.strerror or error}; give --log DIR or --no-log"
+        ) from None
+
+
+def _policy(config: Config) -> bytes | None:
+    if not config.fleet.policy:
+        return None
+    try:
+        return Path(config.fleet.policy).read_bytes()
+    except OSError as error:
+        raise ConfigError(
+            f"[fleet] policy = {config.fleet.policy!r} cannot be read: {error.strerror or error}"
+        ) from None
+
+
+def _as_error(fault: BaseException, config: Config) -> HippomatError:
+    """What the user sees of a fault: one line, and where the traceback was put."""
+    text = "".join(traceback.format_exception(fault))
+    name = time.strftime("hippomat-host-fault-%Y%m%dT%H%M%S.txt")
+    for directory in (config.log.directory, tempfile.gettempdir()):
+        path = Path(directory) / name
+        try:
+            path.write_text(text, encoding="utf-8")
+        except OSError:
+            continue
+        return HippomatError(
+            f"internal fault ({type(fault).__name__}: {fault}); the motors were stopped; please report {path}"
+        )
+    return HippomatError(f"internal fault ({type(fault).__name__}: {fault}); the motors were stopped")
