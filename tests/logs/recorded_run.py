@@ -11,7 +11,7 @@ from hippomat_core import messages as m
 from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.step import initial_state, step
 from hippomat_core.wire import codec, frames, jetbot_base, link, rplidar
-from hippomat_logs.byte_events import ByteStream
+from hippomat_core.wire.device_events import decoder_for
 from hippomat_logs.manifest import run_manifest
 from hippomat_logs.recorder import Recorder
 
@@ -38,7 +38,7 @@ class RecordedRun:
             directory, manifest, config=config, wall_ns=WALL_NS, stamp_ns=START_NS, lossless=True, **options
         )
         self._state = initial_state(config)
-        self._streams = {port: ByteStream(port, 0) for port in range(3)}
+        self._decoders = {port: decoder_for(port) for port in range(3)}
         self.decisions = 0
 
     def event(self, event: m.Event) -> None:
@@ -59,9 +59,8 @@ class RecordedRun:
 
     def read(self, stamp_ns: int, port: int, data: bytes) -> None:
         self.recorder.serial(stamp_ns, port, 0, 1, data)
-        for event, _ in self._streams[port].feed(stamp_ns, data):
-            if event is not None:
-                self.event(event)
+        for event in self._decoders[port].events(stamp_ns, data):
+            self.event(event)
 
     def identify(self, stamp_ns: int) -> None:
         """What the three devices said of themselves."""

@@ -1,0 +1,138 @@
+"""Reproduce one recorded run, level by level. Decides what each level may conclude from the one before.
+
+L0 integrity, L1 bytes, L2 decisions in this process; then the real daemon in lockstep, and L3 in a world
+where one is installed. Knows logs, not terminals.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from hippomat_core.errors import HippomatError, LogError
+from hippomat_logs.level1 import ByteCheck
+from hippomat_logs.level2 import DecisionReplay
+from hippomat_logs.level3 import check_motion
+from hippomat_logs.lockstep import replay_in_daemon
+from hippomat_logs.manifest import fingerprint
+from hippomat_logs.reader import Run
+from hippomat_logs.report import FAULT, LOSSY, NOT_RUN, OK, LevelResult, RunReport
+
+LEVELS = ("L0", "L1", "L2", "daemon", "L3")
+Progress = Callable[[str, int], None]  # (level, records done)
+PROGRESS_STEP = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayOptions:
+    levels: tuple[str, ...] = LEVELS
+    policy: Path | None = None  # the file whose hash is in the manifest, where it is not where it was
+    strict: bool = False
+
+
+def replay_run(run: Run, options: ReplayOptions, progress: Progress = lambda *_: None) -> RunReport:
+    """All wanted levels on one run; never raises for what a log holds."""
+    report = RunReport(run.name, run.robot)
+    policy: bytes | None = None
+    wants_core = "L2" in options.levels
+    decisions: DecisionReplay | None = None
+    try:
+        if wants_core:
+            policy = policy_of(run, options.policy)
+            decisions = _decision_replay(run, policy)
+    except LogError as error:
+        report.results.append(LevelResult("L0", LOSSY, detail=str(error)))
+        return report
+    except HippomatError as error:
+        report.results.append(LevelResult("L2", FAULT, detail=str(error)))
+    whole = _offline_levels(run, options, decisions, report, progress)
+    if whole:
+        _live_levels(run, options, report, progress)
+    return report
+
+
+def _offline_levels(
+    run: Run, options: ReplayOptions, decisions: DecisionReplay | None, report: RunReport, progress: Progress
+) -> bool:
+    """L0, L1 and L2 in one pass; True if the log was whole."""
+    started_ns = int(run.manifest.get("started_ns", "0"))
+    bytes_check = ByteCheck(run.robot, started_ns, run.wall_offset_ns)
+    try:
+        for record in run.records_in_order():
+            bytes_check.feed(record)
+            if decisions is not None:
+                decisions.feed(record)
+            if run.records % PROGRESS_STEP == 0:
+                progress("L0-L2", run.records)
+    except LogError as error:
+        report.results.append(LevelResult("L0", LOSSY, run.records, "records", str(error)))
+        return False
+    if run.lost:
+        result = LevelResult("L0", LOSSY, run.records, "records", run.lost[0], list(run.lost))
+        report.results.append(result)
+        return False
+    notes = ["recovered after a crash: the last moments are missing"] if run.recovered else []
+    detail = f"{len(run.paths)} file{'s' * (len(run.paths) > 1)}, checksums and record numbers whole"
+    report.results.insert(0, LevelResult("L0", OK, run.records, "records", detail, notes))
+    if "L1" in options.levels:
+        report.results.append(bytes_check.result(run.recovered))
+    if decisions is not None:
+        report.results.append(decisions.result(run.recovered))
+    return True
+
+
+def _live_levels(run: Run, options: ReplayOptions, report: RunReport, progress: Progress) -> None:
+    if "daemon" in options.levels:
+        report.results.append(_guarded("daemon", lambda: _in_daemon(run, options, progress)))
+    if "L3" in options.levels:
+        report.results.append(_guarded("L3", lambda: check_motion(run, options.strict)))
+
+
+def _in_daemon(run: Run, options: ReplayOptions, progress: Progress) -> LevelResult:
+    if importlib.util.find_spec("hippomat_host") is None:
+        return LevelResult("daemon", NOT_RUN, detail="hippomat_host is not installed")
+    policy_of(run, options.policy)
+    return replay_in_daemon(run, options.policy, same_fingerprint(run), progress)
+
+
+def _guarded(level: str, check: Callable[[], LevelResult]) -> LevelResult:
+    try:
+        return check()
+    except HippomatError as error:
+        return LevelResult(level, FAULT, detail=str(error))
+
+
+def _decision_replay(run: Run, policy: bytes | None) -> DecisionReplay:
+    started_ns = int(run.manifest.get("started_ns", "0"))
+    exact = same_fingerprint(run)
+    return DecisionReplay(run.config, policy, run.store, exact, started_ns, run.wall_offset_ns)
+
+
+def same_fingerprint(run: Run) -> bool:
+    """Was the run recorded on a machine that computes like this one?"""
+    try:
+        return bool(json.loads(run.manifest.get("fingerprint", "{}")) == fingerprint())
+    except ValueError:
+        return False
+
+
+def policy_of(run: Run, given: Path | None) -> bytes | None:
+    """The policy's bytes, checked against the manifest's hash."""
+    wanted = run.manifest.get("policy_hash", "")
+    if not wanted:
+        return None
+    path = given or Path(run.config.fleet.policy)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise HippomatError(
+            f"{run.name} was decided by a policy file that cannot be read: {path}: {error.strerror}; "
+            f"give it with --policy (its SHA-256 is {wanted[:16]}...)"
+        ) from None
+    if hashlib.sha256(data).hexdigest() != wanted:
+        raise HippomatError(f"{path}: is not the policy that {run.name} ran; its SHA-256 must be {wanted}")
+    return data
