@@ -130,7 +130,7 @@ def _why_not(path: str, error: OSError) -> str:
 def _set_raw(fd: int) -> None:
     attributes = termios.tcgetattr(fd)
     control = attributes[6]
-    control[termios.VMIN], control[termios.VTIME] = 0, 0
+    control[termios.VMIN], control[termios.VTIME] = 1, 0  # with 0, "nothing yet" reads like a hang-up
     # CLOCAL: no modem. No HUPCL: closing must neither reset the ESP32 nor start a lidar's motor.
     flags = termios.CS8 | termios.CREAD | termios.CLOCAL
     raw = [0, 0, flags, 0, termios.B115200, termios.B115200, control]
