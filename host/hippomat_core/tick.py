@@ -224,12 +224,9 @@ def _drive(state: State, now_ns: int, allowed: Permissions, effects: list[Effect
         state.held,
     )
     if outcome.path is not None:
-        cells = outcome.path.cells.astype(np.uint16)
-        effects.append(
-            PathPlanned(
-                state.ground.epoch, cells[:, 0], cells[:, 1], outcome.path.length_m, outcome.path.cause
-            )
-        )
+        ix, iy = (np.ascontiguousarray(axis) for axis in outcome.path.cells.astype(np.uint16).T)
+        epoch, path = state.ground.epoch, outcome.path
+        effects.append(PathPlanned(epoch, ix, iy, path.length_m, path.cause))
     safe = guard(_seen(state), outcome.v_mps, outcome.wz_radps, _discs(state, peers), state.config)
     effects.append(Drive(safe.v_mps, safe.wz_radps, "guard" if safe.limited else outcome.reason))
     return replace(state, navigator=navigator, outcome=outcome, held=safe.limited)

@@ -18,6 +18,7 @@ from hippomat_core.messages import (
     AlarmCleared,
     AlarmRaised,
     Drive,
+    PathPlanned,
     PortLost,
     PortOpened,
     RoundDecided,
@@ -89,6 +90,14 @@ def test_every_decision_names_the_rows_it_used(minute):
     assert late.costs.shape == (4 * 8,)
     assert np.count_nonzero(late.row_sequence) >= 3
     assert (late.row_age_ms[late.row_age_ms != 65535] < 3000).all()
+
+
+def test_every_array_that_leaves_the_core_is_contiguous_and_can_be_logged(minute):
+    for body in minute[0].bodies:
+        for path in of_kind(body, PathPlanned):
+            assert path.ix.flags.c_contiguous
+            assert path.iy.flags.c_contiguous
+            assert path.ix.dtype == path.iy.dtype == np.uint16
 
 
 def test_nobody_moves_or_asks_before_it_has_listened_for_three_seconds():
