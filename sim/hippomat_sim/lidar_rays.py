@@ -39,7 +39,7 @@ def measure(
     starts[..., 2] = lidar.z_m
     direction = yaw + lidar.yaw_rad - clockwise_rad[:, None]
     ends = starts.copy()
-    reach_m = min(lidar.max_range_m, world.extent_m)  # Bullet's rays cost by their length
+    reach_m = min(lidar.max_range_m, world.extent_m)
     ends[..., 0] += reach_m * np.cos(direction)
     ends[..., 1] += reach_m * np.sin(direction)
     ranges = world.hit_distances(starts.reshape(-1, 3), ends.reshape(-1, 3)).reshape(yaw.shape)

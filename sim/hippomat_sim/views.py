@@ -116,7 +116,7 @@ def fleet_table(simulation: Simulation) -> Table:
     """Robots as rows: where they are, what they say, what their radios did, what they touched."""
     table = Table(title="hippomat: simulated fleet", title_justify="left", title_style="bold")
     table.add_column("robot", justify="right", style="bold")
-    table.add_column("x [m]  y [m]  yaw [°]", justify="right")
+    table.add_column(r"x \[m]  y \[m]  yaw [°]", justify="right")
     table.add_column("status")
     table.add_column("claim")
     for name in ("done", "sent", "received", "lost", "contacts"):

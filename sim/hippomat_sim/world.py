@@ -8,7 +8,6 @@ real base may; walls and other robots hold it back, and its wheels then slip.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import importlib
 import math
 import os
@@ -29,6 +28,8 @@ TOUCHING_M = 2e-4  # Bullet keeps resting bodies within some hundredths of a mil
 NEW_EPISODE_S = 0.5  # a pair apart for this long starts a new contact when it touches again
 BODY_HEIGHT_M = 0.2
 WALL_HEIGHT_M = 0.5
+_RAY, _ROBOT, _MESH, _BOX = 1, 4, 2, 8  # collision groups; Bullet's rays are in group 1
+_BOXES_PER_MESH = 2000
 _MASS_KG = 3.0
 # Stiff about x and y: a robot on its wheels does not tip, and an untipped cylinder keeps its radius.
 _INERTIA = (10.0, 10.0, 0.02)
@@ -68,12 +69,15 @@ class World:
         self.commands = np.zeros((len(self.poses), 2))
         self.time_s = 0.0
         self.contacts: list[Contact] = []
-        self.extent_m = math.inf
         self._body = body
         self._last_touch_s: dict[tuple[int, int], float] = {}
         pybullet.setTimeStep(SUBSTEP_S, physicsClientId=self._client)
         pybullet.setPhysicsEngineParameter(contactSlop=0.0, physicsClientId=self._client)
-        self._add_walls(grid)
+        boxes = wall_boxes(grid)
+        extent = boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0) if len(boxes) else np.full(2, np.inf)
+        self.extent_m = float(np.hypot(*extent)) + 1.0  # no ray needs to be longer: Bullet's cost by length
+        if len(boxes):
+            self._add_walls(boxes)
         self._ids = [self._add_robot(*pose) for pose in self.poses]
         self._robot_of = {body_id: robot for robot, body_id in enumerate(self._ids)}
 
@@ -166,19 +170,28 @@ class World:
             physicsClientId=self._client,
         )
 
-    def _add_walls(self, grid: OccupancyGrid) -> None:
+    def _add_walls(self, boxes: NDArray[np.float64]) -> None:
+        """Boxes to bump into, and one mesh of their sides for the rays: Bullet casts those twice as fast."""
         bullet, client = self._bullet, self._client
-        boxes = wall_boxes(grid)
-        if len(boxes):  # no ray needs to be longer than the map's walls are apart
-            self.extent_m = float(np.hypot(*(boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0)))) + 1.0
         for x0, y0, x1, y1 in boxes:
+            half = [(x1 - x0) / 2, (y1 - y0) / 2, WALL_HEIGHT_M / 2]
+            shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, physicsClientId=client)
+            centre = [(x0 + x1) / 2, (y0 + y1) / 2, WALL_HEIGHT_M / 2]
+            box = bullet.createMultiBody(0, shape, basePosition=centre, physicsClientId=client)
+            self._filter(box, _BOX, _ROBOT)
+        for some in np.array_split(boxes, math.ceil(len(boxes) / _BOXES_PER_MESH)):
+            vertices, triangles = _sides(some)
             shape = bullet.createCollisionShape(
-                bullet.GEOM_BOX,
-                halfExtents=[(x1 - x0) / 2, (y1 - y0) / 2, WALL_HEIGHT_M / 2],
+                bullet.GEOM_MESH,
+                vertices=vertices,
+                indices=triangles,
+                flags=bullet.GEOM_FORCE_CONCAVE_TRIMESH,
                 physicsClientId=client,
             )
-            centre = [(x0 + x1) / 2, (y0 + y1) / 2, WALL_HEIGHT_M / 2]
-            bullet.createMultiBody(0, shape, basePosition=centre, physicsClientId=client)
+            self._filter(bullet.createMultiBody(0, shape, physicsClientId=client), _MESH, _RAY)
+
+    def _filter(self, body_id: int, group: int, meets: int) -> None:
+        self._bullet.setCollisionFilterGroupMask(body_id, -1, group, meets, physicsClientId=self._client)
 
     def _add_robot(self, x_m: float, y_m: float, yaw_rad: float) -> int:
         bullet, client = self._bullet, self._client
@@ -200,26 +213,40 @@ class World:
         settings = dict.fromkeys(no_friction + no_damping, 0.0)
         bullet.changeDynamics(body_id, -1, **settings, physicsClientId=client)
         bullet.changeDynamics(body_id, -1, localInertiaDiagonal=_INERTIA, physicsClientId=client)
+        self._filter(body_id, _ROBOT, _ROBOT | _BOX | _RAY)
         return int(body_id)
+
+
+def _sides(boxes: NDArray[np.float64]) -> tuple[list[list[float]], list[int]]:
+    """Vertices (8 per box) and triangles (8 per box, three indices each) of the upright sides."""
+    corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2)
+    low = np.concatenate([corners, np.zeros((len(boxes), 4, 1))], axis=2)
+    up = np.array([0.0, 0.0, WALL_HEIGHT_M])
+    vertices = np.concatenate([low, low + up], axis=1)  # (B, 8, 3)
+    here, following = np.arange(4), (np.arange(4) + 1) % 4
+    lower = np.stack([here, following, following + 4], axis=1)
+    upper = np.stack([here, following + 4, here + 4], axis=1)
+    one_box = np.concatenate([lower, upper]).ravel()
+    triangles = (8 * np.arange(len(boxes))[:, None] + one_box).ravel()
+    return vertices.reshape(-1, 3).tolist(), triangles.tolist()
 
 
 def _import_pybullet() -> ModuleType:
     """pybullet; its C code prints its build date on the first import, which is kept off our output."""
     if "pybullet" not in sys.modules:
-        with _quiet_stdout():
+        with _quiet_stderr():
             importlib.import_module("pybullet")
     return sys.modules["pybullet"]
 
 
 @contextlib.contextmanager
-def _quiet_stdout() -> Iterator[None]:
-    sys.stdout.flush()
-    keep, null = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 1)
+def _quiet_stderr() -> Iterator[None]:
+    sys.stderr.flush()
+    keep, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
     try:
         yield
     finally:
-        ctypes.CDLL(None).fflush(None)  # C's own buffer would come out later, behind our lines
-        os.dup2(keep, 1)
+        os.dup2(keep, 2)
         os.close(keep)
         os.close(null)

@@ -1,0 +1,87 @@
+"""What a finished run's logs say: tasks completed, and whether each log is reproduced. Knows no world."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hippomat_core.errors import HippomatError
+from hippomat_core.messages import ClaimChanged
+from hippomat_logs.reader import open_runs
+
+
+@dataclass(frozen=True, slots=True)
+class Completion:
+    """One task completed, by the robot's own log."""
+
+    robot: int
+    slot: int
+    generation: int
+    x_m: float
+    y_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What hippomat-replay found out about one robot's log."""
+
+    robot: int
+    text: str  # "reproduced L0 L1 L2 ..."
+    exit_code: int
+    findings: tuple[str, ...] = ()  # what was not reproduced
+
+
+def log_files(directories: Sequence[Path]) -> list[Path]:
+    """All finished logs; names the robot that has none."""
+    files: list[Path] = []
+    for directory in directories:
+        found = sorted(directory.rglob("*.mcap"))
+        if not found:
+            raise HippomatError(f"{directory} holds no finished log; see the daemon's .err file beside it")
+        files += found
+    return files
+
+
+def completions(logs: Sequence[Path]) -> list[Completion]:
+    """All completed tasks of all robots."""
+    found = []
+    for run in open_runs(logs):
+        for record in run.records_in_order():
+            claim = record.message
+            if isinstance(claim, ClaimChanged) and claim.what == "completed":
+                found.append(Completion(run.robot, claim.slot, claim.generation, claim.x_m, claim.y_m))
+    return found
+
+
+def done_twice(found: Sequence[Completion]) -> list[tuple[int, int]]:
+    """(slot, generation) of the tasks that were completed more than once."""
+    counts = Counter((one.slot, one.generation) for one in found)
+    return sorted(task for task, count in counts.items() if count > 1)
+
+
+def replay(logs: Sequence[Path]) -> list[Verdict]:
+    """Run hippomat-replay on all logs; it uses the processors on its own."""
+    command = [sys.executable, "-m", "hippomat_logs.replay_cli", "--json", *map(str, logs)]
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=False)
+    try:
+        reports = json.loads(done.stdout)
+    except ValueError:
+        raise HippomatError(f"hippomat-replay ended with exit code {done.returncode} and no report") from None
+    return [_verdict(report) for report in reports]
+
+
+def _verdict(report: dict[str, object]) -> Verdict:
+    results = report["results"]
+    findings = []
+    if isinstance(results, list):
+        for one in results:
+            if one["status"] not in ("reproduced", "not run", "missed"):
+                findings.append(f"{one['level']} {one['status']}: {one['detail'] or one['divergence']}")
+    return Verdict(
+        int(str(report["robot"])), str(report["verdict"]), int(str(report["exit_code"])), tuple(findings)
+    )
