@@ -1,7 +1,7 @@
 """The command line of the daemon: what may be said, and the one configuration that comes of it.
 
-Reads the configuration file, knows no port and no clock. Wrong usage is a UsageError with exit code 1: in this
-project 2 means "diverged".
+Reads the configuration file, knows no port and no clock. Wrong usage is a UsageError with exit code 1: here
+2 means "diverged".
 """
 
 from __future__ import annotations

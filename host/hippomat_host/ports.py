@@ -17,7 +17,7 @@ from hippomat_core.wire.link import LINK_VERSION, NO_ROBOT, Hello
 from hippomat_host.acceptance import FLAGS, WIFI_CHANNEL
 from hippomat_host.identify import UNKNOWN
 from hippomat_host.probe import probe
-from hippomat_host.serial_port import owner_of, present_ports
+from hippomat_host.serial_port import BusyPort, present_ports
 
 _LISTENER = Hello(LINK_VERSION, NO_ROBOT, 0, WIFI_CHANNEL)  # a radio without an id stays without one
 
@@ -43,24 +43,25 @@ def list_ports(paths: Sequence[str]) -> int:
     with ThreadPoolExecutor(max_workers=len(devices)) as pool:
         rows = list(pool.map(_found, devices))
     table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0))
-    for name in ("port", "what", "details", "use as", "also called"):
+    for name in ("port", "what", "use as", "details"):
         table.add_column(name, overflow="fold")
     for row in rows:
-        table.add_row(row.path, row.what, row.text, row.flag, "\n".join(row.names))
+        also = "".join(f"\nalso called {name}" for name in row.names)
+        table.add_row(row.path, row.what, row.flag, row.text + also)
     Console(highlight=False).print(table)
     return 0
 
 
 def _found(path: str) -> Found:
     names = _names(path)
-    owner = owner_of(path)
-    if owner is not None:
-        return Found(path, "busy", f"used by process {owner[0]} ({owner[1][:60]})", "", names)
     try:
         identity = probe(path, _LISTENER, RADIO)
+    except BusyPort as error:
+        who = "another user's process" if error.owner is None else "process {}: {}".format(*error.owner)
+        return Found(path, "busy", f"in use by {who}", "", names)
     except PortError as error:
         return Found(path, "-", str(error).removeprefix(f"{path}: ").removeprefix(f"{path} "), "", names)
-    flag = "" if identity.port == UNKNOWN else f"{FLAGS[identity.port]} {path}"
+    flag = "" if identity.port == UNKNOWN else FLAGS[identity.port]
     return Found(path, identity.name, identity.text, flag, names)
 
 

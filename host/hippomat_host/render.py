@@ -56,7 +56,8 @@ def _own(view: FleetView, given: Given, log: str) -> Table:
         grid.add_row(" air", f"fleet {radio.fleet}, channel {radio.channel}", f"{key}; {counts}")
     if not given.observes:
         grid.add_row(" robot", _motion(view), f"{_claim(view)}; {view.completed} tasks done")
-    grid.add_row(" log", *log.split("  ", 1))
+    name, counts = log.split("  ", 1)
+    grid.add_row(" log", counts, name)
     return grid
 
 

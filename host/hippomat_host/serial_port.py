@@ -18,7 +18,23 @@ from hippomat_core.errors import PortError
 
 STABLE_NAMES = ("/dev/hippomat-radio", "/dev/hippomat-base", "/dev/hippomat-lidar")
 _PATTERNS = ("/dev/ttyACM*", "/dev/ttyUSB*")
+_PSEUDO = "/dev/pts/"
 _DTR = struct.pack("I", termios.TIOCM_DTR)
+
+
+class BusyPort(PortError):
+    """Another process has the port; `owner` is its pid and command, where we may know."""
+
+    def __init__(self, path: str, owner: tuple[int, str] | None) -> None:
+        self.owner = owner
+        if owner is None:
+            super().__init__(
+                f"{path} is in use by another process (of another user?): see `sudo fuser {path}`"
+            )
+        else:
+            pid, command = owner
+            who = f"process {pid} ({command[:80]})"
+            super().__init__(f"{path} is in use by {who}: stop it first, e.g. `kill {pid}`")
 
 
 def present_ports() -> list[str]:
@@ -32,13 +48,14 @@ def open_port(path: str) -> int:
     try:
         fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
-        raise PortError(_why_not(path, error)) from None
+        raise _why_not(path, error) from None
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         _set_raw(fd)
+        _alone(fd)
     except BlockingIOError:
         os.close(fd)
-        raise PortError(_busy(path)) from None
+        raise BusyPort(path, owner_of(path)) from None
     except termios.error:
         os.close(fd)
         raise PortError(f"{path} is not a serial port; {existing_ports()}") from None
@@ -84,13 +101,31 @@ def existing_ports() -> str:
 
 
 def owner_of(path: str) -> tuple[int, str] | None:
-    """(pid, command) of another process that has `path` open, where /proc lets us see it."""
+    """(pid, command) of another process that has locked or opened `path`, where /proc lets us see it."""
     device, own = os.path.realpath(path), str(os.getpid())
+    locker = _locker(device)
+    if locker is not None and locker != own:
+        return int(locker), _command(locker)
+    if device.startswith(_PSEUDO):
+        return None
     for directory in glob.glob("/proc/[0-9]*/fd"):
         pid = directory.split("/")[2]
         with contextlib.suppress(OSError):
             if pid != own and any(_names(f"{directory}/{fd}", device) for fd in os.listdir(directory)):
                 return int(pid), _command(pid)
+    return None
+
+
+def _locker(device: str) -> str | None:
+    """The process that holds a lock on `device`: `1: FLOCK ADVISORY WRITE pid major:minor:inode 0 EOF`."""
+    with contextlib.suppress(OSError), open("/proc/locks", encoding="ascii") as locks:
+        inode = str(os.stat(device).st_ino)
+        filesystem = os.stat(device).st_dev
+        place = f"{os.major(filesystem):02x}:{os.minor(filesystem):02x}:{inode}"
+        for line in locks:
+            fields = line.split()
+            if place in fields and "FLOCK" in fields:
+                return fields[fields.index(place) - 1]
     return None
 
 
@@ -109,22 +144,15 @@ def _command(pid: str) -> str:
         return "?"
 
 
-def _busy(path: str) -> str:
-    owner = owner_of(path)
-    if owner is None:
-        return f"{path} is in use by another process (of another user?): find it with `sudo fuser {path}`"
-    pid, command = owner
-    return f"{path} is in use by process {pid} ({command[:80]}): stop it first, e.g. `kill {pid}`"
-
-
-def _why_not(path: str, error: OSError) -> str:
+def _why_not(path: str, error: OSError) -> PortError:
     if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
-        return f"{path} does not exist; {existing_ports()}"
+        return PortError(f"{path} does not exist; {existing_ports()}")
     if error.errno == errno.EACCES:
-        return f"{path}: no permission; join its group: `sudo usermod -aG dialout $USER`, then log in again"
+        remedy = "join its group: `sudo usermod -aG dialout $USER`, then log in again"
+        return PortError(f"{path}: no permission; {remedy}")
     if error.errno == errno.EBUSY:
-        return _busy(path)
-    return f"{path} cannot be opened: {error.strerror or error}"
+        return BusyPort(path, owner_of(path))
+    return PortError(f"{path} cannot be opened: {error.strerror or error}")
 
 
 def _set_raw(fd: int) -> None:
@@ -135,8 +163,15 @@ def _set_raw(fd: int) -> None:
     flags = termios.CS8 | termios.CREAD | termios.CLOCAL
     raw = [0, 0, flags, 0, termios.B115200, termios.B115200, control]
     termios.tcsetattr(fd, termios.TCSANOW, raw)  # TCSAFLUSH would drop what is already there
-    if not os.ttyname(fd).startswith("/dev/pts/"):
+
+
+def _alone(fd: int) -> None:
+    """Keep others out of a real device, and refuse to share it with one who ignores locks."""
+    device = os.ttyname(fd)
+    if not device.startswith(_PSEUDO):  # there the device itself holds the other end open
         fcntl.ioctl(fd, termios.TIOCEXCL)
+        if owner_of(device) is not None:
+            raise BlockingIOError
 
 
 def _control(fd: int, request: int) -> None:
