@@ -263,9 +263,7 @@ def test_the_papers_network_never_requests_what_is_not_open():
 
 
 def test_weights_of_another_fleet_are_refused_by_name():
-    with pytest.raises(
-        ConfigError, match=r"sage.self.weight.*\[6, 7\], needed float32\[6, 9\].*4 task"
-    ):
+    with pytest.raises(ConfigError, match=r"sage.self.weight.*\[6, 7\], needed float32\[6, 9\].*4 task"):
         make_allocator("paper_network", save(weights(2, 3)), 2, 4)
     with pytest.raises(ConfigError, match=r"needed float32\[5, 6, 7\].*5 robots"):
         make_allocator("paper_network", save(weights(2, 3, per_robot=True)), 5, 3)
