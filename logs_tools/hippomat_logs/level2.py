@@ -146,6 +146,6 @@ class DecisionReplay:
 
     def _diverge(self, record: Record, field: str, recorded: Any, replayed: Any) -> None:
         time_s = (record.log_time_ns - self._offset_ns - self._started_ns) / 1e9
-        self.divergence = Divergence(
+        self.divergence = self.divergence or Divergence(
             "L2", self._robot, self._tick, record.number, time_s, field, recorded, replayed
         )

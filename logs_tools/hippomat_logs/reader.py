@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -57,6 +58,12 @@ def read_raw(path: Path, contents: Contents) -> Iterator[RawMessage]:
             raise error if str(path) in str(error) else LogError(f"{path}: {error}") from None
 
 
+@cache
+def reading_store() -> MessageStore:
+    """One store for all that this process reads."""
+    return MessageStore()
+
+
 @dataclass(slots=True)
 class Run:
     """The parts of one robot's run, in order, and what L0 found out about them."""
@@ -66,7 +73,7 @@ class Run:
     lost: list[str] = field(default_factory=list)  # one line per explained loss
     records: int = 0
     recovered: bool = False  # its end is missing
-    store: MessageStore = field(default_factory=MessageStore)
+    store: MessageStore = field(default_factory=reading_store)
 
     @property
     def name(self) -> str:
@@ -146,7 +153,7 @@ def _gap(expected: int, found: int) -> str:
 def open_runs(paths: Sequence[Path]) -> list[Run]:
     """Group files into runs (one per robot and session), parts in order. Reads manifests only."""
     groups: dict[tuple[str, str], list[tuple[int, Path, dict[str, str]]]] = {}
-    store = MessageStore()
+    store = reading_store()
     for path in dict.fromkeys(_expanded(paths)):
         manifest = read_manifest(path, store)
         key = manifest.get("robot", ""), manifest.get("session_id", "")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.part import PartWriter
-from hippomat_logs.reader import mapped, read_raw
+from hippomat_logs.reader import mapped, read_raw, reading_store
 from hippomat_logs.records import DropRecord
 from hippomat_logs.schema import CLASSES, TOPICS, MessageStore
 from hippomat_logs.sink import ACTIVE, FileSink, sync_directory
@@ -28,7 +28,7 @@ def recover_directory(directory: Path | str) -> list[str]:
     lines: list[str] = []
     store: MessageStore | None = None
     for path in sorted(Path(directory).glob(f"*.mcap{ACTIVE}")):
-        store = store or MessageStore()
+        store = store or reading_store()
         try:
             lines.append(recover_active(path, store))
         except OSError as error:
@@ -44,8 +44,8 @@ def recover(path: Path | str) -> list[str]:
     if not path.exists():
         raise HippomatError(f"{path}: no such file or directory")
     if path.name.endswith(ACTIVE):
-        return [recover_active(path, MessageStore())]
-    return [_recover_finished(path, MessageStore())]
+        return [recover_active(path, reading_store())]
+    return [_recover_finished(path, reading_store())]
 
 
 def recover_active(path: Path, store: MessageStore) -> str:
@@ -112,7 +112,8 @@ def _set_aside(path: Path, why: str) -> str:
 
 def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]:
     """Write what `path` holds into a finished `name` beside it."""
-    (path.parent / (name + RECOVERING)).unlink(missing_ok=True)  # a recovery that was itself killed
+    recovering = path.parent / (name + RECOVERING)
+    recovering.unlink(missing_ok=True)  # of a recovery that was itself killed
     contents, kept = Contents(), 0
     writer: PartWriter | None = None
     with mapped(path) as data:
@@ -127,12 +128,13 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
             if writer is None and contents.manifest:
                 sink = FileSink(path.parent, name, RECOVERING)
                 writer = PartWriter(sink, {**contents.manifest, "recovered": "yes"}, [])
+            if writer is not None:
+                writer.finish(None)
         except OSError:
             if writer is not None:
                 writer.sink.abandon()
+            recovering.unlink(missing_ok=True)  # no room for it; the original stays
             raise
-        if writer is not None:
-            writer.finish(None)
     return kept, contents
 
 

@@ -49,9 +49,9 @@ def stamped(event: Any, stamp_ns: int) -> Any:
     return dataclasses.replace(event, stamp_ns=stamp_ns)
 
 
-def new_recorder(directory: Path, **options: Any) -> Recorder:
-    manifest = run_manifest(CONFIG, session_id="5e551011")
-    return Recorder(directory, manifest, config=CONFIG, wall_ns=WALL_NS, stamp_ns=START_NS, **options)
+def new_recorder(directory: Path, config: Config = CONFIG, **options: Any) -> Recorder:
+    manifest = run_manifest(config, session_id="5e551011")
+    return Recorder(directory, manifest, config=config, wall_ns=WALL_NS, stamp_ns=START_NS, **options)
 
 
 def record_samples(recorder: Recorder, count: int, seed: int = 1) -> list[Any]:

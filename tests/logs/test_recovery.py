@@ -1,0 +1,192 @@
+"""What a dead daemon leaves behind: everything that was whole is read again, and the rest is named."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from log_samples import START_NS, new_recorder
+from recorded_run import RecordedRun, record_run
+
+from hippomat_core import messages as m
+from hippomat_core.errors import HippomatError
+from hippomat_logs.reader import mapped, open_runs, read_records
+from hippomat_logs.recovery import recover, recover_directory
+from hippomat_logs.replay import ReplayOptions, replay_run
+from hippomat_logs.walk import Contents, walk_leniently
+
+RECORDING = """
+import sys, time
+sys.path.insert(0, {tests!r})
+from pathlib import Path
+from log_samples import START_NS, new_recorder
+from hippomat_core import messages as m
+recorder = new_recorder(Path(sys.argv[1]))
+print("recording", flush=True)
+k = 0
+while True:
+    recorder.event(m.Tick(START_NS + k))
+    k += 1
+    print(time.monotonic(), flush=True)
+    time.sleep(0.002)
+"""
+
+
+@pytest.fixture(scope="module")
+def unfinished(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A part of several chunks whose process died before the end."""
+    directory = tmp_path_factory.mktemp("unfinished")
+    run = cut_off_run(directory, ticks=120)
+    (path,) = directory.glob("*.active")
+    data = path.read_bytes()
+    run.recorder.close()
+    return data
+
+
+def cut_off_run(directory: Path, ticks: int) -> RecordedRun:
+    """A run whose chunks are in the file, but not its end."""
+    run = record_run(directory, ticks=ticks, close=False)
+    for k in range(3):
+        time.sleep(0.6)
+        run.event(m.Tick(START_NS + 10**10 + k * 50_000_000))
+    time.sleep(0.7)
+    return run
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_recording_process_killed_at_any_moment_loses_less_than_a_second(tmp_path: Path, seed: int) -> None:
+    program = RECORDING.format(tests=str(Path(__file__).parent))
+    child = subprocess.Popen(
+        [sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE, text=True, bufsize=1
+    )
+    assert child.stdout is not None
+    assert child.stdout.readline() == "recording\n"
+    lines: list[str] = []
+    until_s = time.monotonic() + 1.0 + float(np.random.default_rng(seed).uniform(0, 1))
+    while time.monotonic() < until_s:
+        lines.append(child.stdout.readline())
+    os.kill(child.pid, signal.SIGKILL)
+    lines += child.stdout.readlines()
+    child.wait()
+    (line,) = recover_directory(tmp_path)
+    assert "recovered" in line
+    kept = sum(1 for _ in open_runs([tmp_path])[0].records_in_order())
+    times = [float(text) for text in lines if text.strip()]
+    assert kept > 0
+    assert times[-1] - times[min(kept, len(times)) - 1] < 1.0
+
+
+def test_a_recovered_run_is_reproduced(tmp_path: Path, unfinished: bytes) -> None:
+    (tmp_path / "robot00_x_000.mcap.active").write_bytes(unfinished)
+    recover_directory(tmp_path)
+    (run,) = open_runs([tmp_path])
+    report = replay_run(run, ReplayOptions(levels=("L0", "L1", "L2")))
+    assert report.verdict == "reproduced L0 L1 L2"
+    assert report.exit_code == 0
+    assert "recovered" in report.results[0].notes[0]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_file_cut_anywhere_gives_back_every_whole_chunk(
+    tmp_path: Path, unfinished: bytes, seed: int
+) -> None:
+    cut = int(np.random.default_rng(seed).integers(200, len(unfinished)))
+    path = tmp_path / "robot00_x_000.mcap.active"
+    path.write_bytes(unfinished[:cut])
+    whole = Contents()
+    with mapped(path) as data:
+        salvaged = sum(message.topic.startswith("/hippo/") for message in walk_leniently(data, whole))
+    lines = recover_directory(tmp_path)
+    if not salvaged:
+        return
+    read = list(read_records(tmp_path / "robot00_x_000.mcap"))
+    assert len(read) == salvaged
+    assert [number for number, *_ in read] == list(range(1, salvaged + 1))
+    damaged = (tmp_path / "robot00_x_000.mcap.damaged").exists()
+    assert damaged == ("original in" in lines[0])
+
+
+def test_a_chunk_damaged_in_the_middle_is_named_by_a_drop_record(tmp_path: Path, unfinished: bytes) -> None:
+    broken = bytearray(unfinished)
+    chunks = chunk_offsets(unfinished)
+    assert len(chunks) >= 3
+    broken[chunks[1] + 200] ^= 0x10
+    (tmp_path / "robot00_x_000.mcap.active").write_bytes(broken)
+    (line,) = recover_directory(tmp_path)
+    assert "chunk at byte" in line
+    (run,) = open_runs([tmp_path])
+    report = replay_run(run, ReplayOptions(levels=("L0", "L1", "L2")))
+    assert report.exit_code == 3
+    assert "the chunk that held them is damaged" in report.results[0].detail
+    assert (tmp_path / "robot00_x_000.mcap.damaged").read_bytes() == bytes(broken)
+
+
+def chunk_offsets(data: bytes) -> list[int]:
+    offsets, at = [], 8
+    while at + 9 <= len(data):
+        if data[at] == 6:
+            offsets.append(at)
+        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    return offsets
+
+
+def test_a_log_that_is_being_recorded_is_left_alone(tmp_path: Path) -> None:
+    recorder = new_recorder(tmp_path)
+    (line,) = recover_directory(tmp_path)
+    assert "live process" in line
+    recorder.event(m.Tick(START_NS))
+    recorder.close()
+    assert sum(1 for _ in open_runs([tmp_path])[0].records_in_order()) == 1
+
+
+def test_recovery_is_done_once_by_whoever_holds_the_lock(tmp_path: Path, unfinished: bytes) -> None:
+    path = tmp_path / "robot00_x_000.mcap.active"
+    path.write_bytes(unfinished)
+    with path.open("rb") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        assert "live process" in recover_directory(tmp_path)[0]
+    assert "recovered" in recover_directory(tmp_path)[0]
+    assert recover_directory(tmp_path) == []
+
+
+def test_an_interrupted_recovery_is_done_again(tmp_path: Path, unfinished: bytes) -> None:
+    (tmp_path / "robot00_x_000.mcap.active").write_bytes(unfinished)
+    (tmp_path / "robot00_x_000.mcap.recovering").write_bytes(b"half of it")
+    recover_directory(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["robot00_x_000.mcap"]
+
+
+def test_garbage_and_empty_files_are_named_not_raised(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap.active").write_bytes(b"")
+    (tmp_path / "b.mcap.active").write_bytes(b"no log at all")
+    lines = recover_directory(tmp_path)
+    assert "empty, removed" in lines[0]
+    assert "nothing in it could be read" in lines[1]
+    assert [path.name for path in tmp_path.iterdir()] == ["b.mcap.damaged"]
+
+
+def test_a_damaged_finished_log_is_rewritten_beside_itself(tmp_path: Path) -> None:
+    record_run(tmp_path, ticks=20)
+    (path,) = tmp_path.glob("*.mcap")
+    data = bytearray(path.read_bytes())
+    data[-40] ^= 1
+    path.write_bytes(data)
+    (line,) = recover(path)
+    assert "kept" in line
+    recovered = path.with_name(path.name.replace(".mcap", ".recovered.mcap"))
+    assert sum(1 for _ in read_records(recovered)) > 100
+    assert "whole, nothing to do" in recover(recovered)[0]
+    with pytest.raises(HippomatError, match="exists already"):
+        recover(path)
+
+
+def test_a_path_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    with pytest.raises(HippomatError, match="no such file"):
+        recover(tmp_path / "nothing")

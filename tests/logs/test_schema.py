@@ -1,0 +1,92 @@
+"""Laws of the message definitions: every record survives CDR, and other readers agree on what it says."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, get_type_hints
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from log_samples import sample
+
+from hippomat_core import messages as m
+from hippomat_logs.schema import (
+    EFFECTS,
+    EVENTS,
+    OWN,
+    TOPICS,
+    MessageStore,
+    blank,
+    definition,
+    differences,
+    snake,
+    type_name,
+)
+
+STORE = MessageStore()
+KINDS = EVENTS + EFFECTS + OWN
+
+
+@settings(max_examples=300, deadline=None)
+@given(kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
+def test_every_record_decodes_to_what_was_encoded(kind: type, seed: int) -> None:
+    record = sample(kind, np.random.default_rng(seed))
+    data = STORE.encode(record)
+    again = STORE.decode(kind, data)
+    assert type(again) is kind
+    assert list(differences(record, again)) == []
+    assert STORE.encode(again) == data
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_decoded_record_has_the_python_types_of_its_annotations(kind: type) -> None:
+    record = STORE.decode(kind, STORE.encode(blank(kind)))
+    for name, hint in get_type_hints(kind).items():
+        value = getattr(record, name)
+        if hint in (int, float, str, bool, bytes):
+            assert type(value) is hint, name
+
+
+def test_every_message_class_has_a_topic_of_its_own() -> None:
+    assert len(set(TOPICS.values())) == len(KINDS) == len(TOPICS)
+    assert snake("PeerClaimSeen") == "peer_claim_seen"
+
+
+def test_a_definition_follows_the_annotations() -> None:
+    assert definition(m.PortLost) == "int64 stamp_ns\nuint8 port\nstring reason\n"
+    text = STORE.schema_text(type_name(m.TasksHeard)).decode()
+    assert "hippomat_msgs/TaskSlot[] slots" in text
+    assert "MSG: hippomat_msgs/TaskSlot" in text
+
+
+def test_an_annotation_without_a_width_is_refused_with_its_remedy() -> None:
+    @dataclasses.dataclass
+    class Wrong:
+        number: int
+
+    with pytest.raises(TypeError, match=r"'number'.*hippomat_core\.fields"):
+        definition(Wrong)
+
+
+@pytest.mark.parametrize(
+    ("value", "other", "path"),
+    [
+        (m.Drive(0.0, 0.0, "hold"), m.Drive(-0.0, 0.0, "hold"), "v_mps"),
+        (m.PeerClaimSeen(1, 2, 3, "gone"), m.PeerClaimSeen(1, 2, 4, "gone"), "generation"),
+    ],
+)
+def test_differences_name_the_field_bit_for_bit(value: Any, other: Any, path: str) -> None:
+    assert [found[0] for found in differences(value, other)] == [path]
+
+
+def test_a_difference_inside_an_array_of_rows_has_its_whole_path() -> None:
+    rng = np.random.default_rng(4)
+    while not (heard := sample(m.RelayHeard, rng)).frame.rows or not len(heard.frame.rows[0].costs):
+        continue
+    costs = np.array(heard.frame.rows[0].costs)
+    costs[-1] ^= 1
+    rows = (dataclasses.replace(heard.frame.rows[0], costs=costs), *heard.frame.rows[1:])
+    other = dataclasses.replace(heard, frame=dataclasses.replace(heard.frame, rows=rows))
+    assert [found[0] for found in differences(heard, other)] == [f"frame.rows[0].costs[{len(costs) - 1}]"]
