@@ -17,14 +17,13 @@ from scipy.optimize import linear_sum_assignment
 from benchmarks.measure import Result, compare
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.port import Problem
-from hippomat_core.fleet.claims import NO_CLAIM
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import StateHeard
 from hippomat_core.planning.astar import shortest_path
 from hippomat_core.planning.costmap import Costmap, inflate
 from hippomat_core.planning.distance_field import distance_at, distance_field
 from hippomat_core.wire.codec import decode_frame, encode_frame
-from hippomat_core.wire.frames import STATE, Header, StateFrame
+from hippomat_core.wire.frames import NO_CLAIM, STATE, Header, StateFrame
 from hippomat_logs.schema import MessageStore, type_name
 from hippomat_sim.radio import load_library
 

@@ -13,7 +13,7 @@ import numpy as np
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.config import Config
 from hippomat_core.control.guard import Points
-from hippomat_core.control.navigator import Navigator, NavOutcome
+from hippomat_core.control.nav_state import Navigator, NavOutcome
 from hippomat_core.fleet import state as fleet_state
 from hippomat_core.fleet.state import FleetState
 from hippomat_core.planning.ground import Fields, Ground

@@ -1,4 +1,4 @@
-"""A fleet of robot cores in lockstep: exact unicycles, a lossy radio, no bytes, no threads. For tests of step()."""
+"""A fleet of robot cores in lockstep: exact unicycles, a lossy radio, no bytes. For tests of step()."""
 
 from __future__ import annotations
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from hippomat_core.config import Config, FleetConfig, RobotConfig
-from hippomat_core.fleet.claims import NO_CLAIM
 from hippomat_core.fleet.digest import fleet_digest
 from hippomat_core.fleet.holding import is_confirmed_at
 from hippomat_core.fleet.inputs import Intent, OwnInputs
@@ -43,6 +42,7 @@ from hippomat_core.wire.frames import (
     FLAG_STOPPED,
     IDLE,
     LOST,
+    NO_CLAIM,
     RELAY,
     SERVING,
     STATE,
@@ -515,18 +515,6 @@ def test_a_relayed_row_is_a_sign_of_life():
     assert outcomes[-1].state_frame.endorsed.tolist() == [0, 1, 0]
 
 
-def test_peers_are_bodies_with_poses_intents_and_destinations():
-    taken = seat()
-    taken.hear(2, taken.row(air_claim(1)))
-    (body,) = taken.fleet.peer_bodies(taken.now_ns + 250_000_000)
-    assert (body.robot, body.age_s, body.x_m, body.y_m) == (2, 0.25, 1.0, -0.5)
-    assert body.yaw_rad == pytest.approx(np.pi / 2)
-    assert body.speed_mps == pytest.approx(0.2)
-    assert body.intent.tolist() == [[5, 6, 0], [6, 6, 0], [6, 7, 0]]
-    assert body.destination_m == (0.5, 0.6, 0.0)
-    assert body.eta_s == pytest.approx(1.2)
-
-
 def test_an_observer_follows_the_fleet_and_says_nothing():
     observer = seat(robot=-1, mapped=False)
     observer.hear(1, observer.row())
@@ -534,7 +522,7 @@ def test_an_observer_follows_the_fleet_and_says_nothing():
     assert outcome.state_frame is None
     assert outcome.tasks_frames == ()
     assert of(RoundDecided, outcome.effects)[0].reason == "observing"
-    assert len(observer.fleet.peer_bodies(observer.now_ns)) == 1
+    assert [peer is not None for peer in observer.fleet.peers].count(True) == 1
 
 
 def test_without_a_map_a_robot_sends_nothing_and_accuses_nobody():

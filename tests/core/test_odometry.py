@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hippomat_core.messages import BaseFeedback
-from hippomat_core.slam.odometry import Odometry, moved, wrap_angle
+from hippomat_core.slam.odometry import Odometry, moved
 
 
 def feedback(stamp_ns, x_mm, y_mm, yaw_mrad):
@@ -49,7 +49,9 @@ def test_a_jump_of_the_counters_moves_nothing_and_is_counted():
     assert odometry.jumps == 1
 
 
-@given(st.lists(st.tuples(st.integers(-300, 300), st.integers(-300, 300), st.integers(-500, 500)), max_size=40))
+@given(
+    st.lists(st.tuples(st.integers(-300, 300), st.integers(-300, 300), st.integers(-500, 500)), max_size=40)
+)
 def test_a_way_there_and_back_ends_where_it_began(steps):
     way = list(np.cumsum([(0, 0, 0), *steps], axis=0).tolist())
     odometry = driven(Odometry(0.3, -0.2, 0.7), way + way[::-1])
@@ -57,11 +59,4 @@ def test_a_way_there_and_back_ends_where_it_began(steps):
     turned = sum(abs(dyaw) for _, _, dyaw in steps) / 1000
     length_m = sum(math.hypot(dx, dy) for dx, dy, _ in steps) / 1000
     assert math.hypot(odometry.x_m - 0.3, odometry.y_m + 0.2) <= turned * length_m + 1e-9
-    assert abs(wrap_angle(odometry.yaw_rad - 0.7)) < 1e-9
-
-
-@given(st.floats(-100, 100))
-def test_a_wrapped_angle_points_the_same_way(angle):
-    wrapped = wrap_angle(angle)
-    assert -math.pi <= wrapped < math.pi + 1e-12
-    assert math.isclose(math.cos(wrapped), math.cos(angle), abs_tol=1e-9)
+    assert abs(math.remainder(odometry.yaw_rad - 0.7, math.tau)) < 1e-9

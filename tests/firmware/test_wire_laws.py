@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from wire_values import NO_CLAIM, air_frames, link_messages, plain
+from wire_values import air_frames, link_messages, plain
 
 from hippomat_core.errors import WireError
 from hippomat_core.wire import cobs, codec, link
@@ -183,7 +183,7 @@ def test_five_relay_rows_of_thirty_tasks_fill_a_frame_with_its_tag():
         ({"intent_steps": np.full(13, 1)}, "must hold 0 .. 12 values"),
         ({"intent_steps": np.full(2, 27)}, "STATE.intent_steps[0] = 27 is outside 0 .. 26"),
         ({"endorsed": np.zeros(10, np.uint8)}, "STATE.heard = 18446744073709551615 is outside 0 .. 1023"),
-        ({"claim": dataclasses.replace(NO_CLAIM, cost=3)}, "has no slot: its other fields must be 0"),
+        ({"claim": dataclasses.replace(air.NO_CLAIM, cost=3)}, "has no slot: its other fields must be 0"),
         ({"claim": dataclasses.replace(LARGEST_STATE.claim, slot=80)}, "STATE.claim.slot = 80 is outside"),
         ({"claim": dataclasses.replace(LARGEST_STATE.claim, tag=0)}, "STATE.claim.tag = 0 is outside 1 .. 3"),
     ],

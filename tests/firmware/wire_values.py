@@ -16,7 +16,6 @@ u24, u48, u64 = (st.integers(0, 2**bits - 1) for bits in (24, 48, 64))
 i8, i16 = st.integers(-(2**7), 2**7 - 1), st.integers(-(2**15), 2**15 - 1)
 robots = st.integers(0, 63)
 statuses = st.integers(air.IDLE, air.LOST)
-NO_CLAIM = air.AirClaim(air.NO_SLOT, 0, 0, 0, False, 0, 0, 0, 0, 0)
 
 
 def arrays(count: int, high: int) -> st.SearchStrategy[np.ndarray]:
@@ -38,7 +37,7 @@ def claims(m: int) -> st.SearchStrategy[air.AirClaim]:
         z_cm=i16,
         eta_ds=u16,
     )
-    return st.one_of(st.just(NO_CLAIM), held)
+    return st.one_of(st.just(air.NO_CLAIM), held)
 
 
 @st.composite

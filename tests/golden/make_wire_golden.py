@@ -18,7 +18,6 @@ from hippomat_core.wire import frames as air
 
 PATH = Path(__file__).with_name("wire.json")
 U8 = np.uint8
-NO_CLAIM = air.AirClaim(air.NO_SLOT, 0, 0, 0, False, 0, 0, 0, 0, 0)
 
 
 def header(kind: int, sequence: int = 0x010203) -> air.Header:
@@ -27,7 +26,7 @@ def header(kind: int, sequence: int = 0x010203) -> air.Header:
 
 def small_state() -> air.StateFrame:
     one, none = np.array([7], U8), np.zeros(0, U8)
-    return air.StateFrame(0, 2, 0, 0, 0, 0, 0, NO_CLAIM, one, one & 1, 0, 0, 0, none, 0, one & 0, 0, 0, 0)
+    return air.StateFrame(0, 2, 0, 0, 0, 0, 0, air.NO_CLAIM, one, one & 1, 0, 0, 0, none, 0, one & 0, 0, 0, 0)
 
 
 def usual_state() -> air.StateFrame:

@@ -60,7 +60,7 @@ def follow(
     target = _pursued(ahead, motion, costmap)
     dx, dy = target[0] - motion.x_m, target[1] - motion.y_m
     away_m = math.hypot(dx, dy)
-    error_rad = wrapped(math.atan2(dy, dx) - motion.yaw_rad)
+    error_rad = math.remainder(math.atan2(dy, dx) - motion.yaw_rad, math.tau)
     turning = abs(error_rad) > (TURN_UNTIL_RAD if last.turning else TURN_FROM_RAD)
     if turning or free_m <= 0.0:
         # Waiting robots turn into their way already; a robot still rolling brakes first.
@@ -87,11 +87,6 @@ def limited(wanted: Drive, last: Drive, dt_s: float, limits: LimitsConfig) -> Dr
     v = last.v_mps + _clamped(wanted.v_mps - last.v_mps, dv)
     wz = last.wz_radps + _clamped(wanted.wz_radps - last.wz_radps, dw)
     return Drive(v, wz, wanted.turning)
-
-
-def wrapped(angle_rad: float) -> float:
-    """The same direction in [-pi, pi)."""
-    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def _clamped(value: float, limit: float) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hippomat_core.config import Config
 from hippomat_core.control.errands import choose_errand, plan, when_blocked
-from hippomat_core.control.follower import Motion, follow, limited, wrapped
+from hippomat_core.control.follower import Motion, follow, limited
 from hippomat_core.control.nav_state import (
     NEVER,
     NO_STRETCH,
@@ -148,7 +148,7 @@ def _stretch(nav: Navigator, view: View) -> Stretch:
     along_m = np.cumsum(legs)
     limits = view.config.limits
     heading_rad = math.atan2(points[0, 1] - view.motion.y_m, points[0, 0] - view.motion.x_m)
-    turn_s = abs(wrapped(heading_rad - view.motion.yaw_rad)) / limits.turn_radps
+    turn_s = abs(math.remainder(heading_rad - view.motion.yaw_rad, math.tau)) / limits.turn_radps
     at_s = turn_s + along_m / limits.speed_mps
     # Who gives way leaves an intent it stands in, and so may cross it.
     taken = view.taken.physical() if nav.aside else view.taken

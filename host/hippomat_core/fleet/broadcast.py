@@ -9,11 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.fleet import votes as rule_f
-from hippomat_core.fleet.claims import NO_CLAIM, free_tag
+from hippomat_core.fleet.claims import free_tag
 from hippomat_core.fleet.inputs import OwnInputs
 from hippomat_core.fleet.snapshot import task_states
 from hippomat_core.fleet.state import FleetState
-from hippomat_core.wire.frames import ASSIGNED, BLOCKED, IDLE, SERVING, UNREACHABLE, StateFrame, TasksFrame
+from hippomat_core.wire.frames import (
+    ASSIGNED,
+    BLOCKED,
+    IDLE,
+    NO_CLAIM,
+    SERVING,
+    UNREACHABLE,
+    StateFrame,
+    TasksFrame,
+)
 
 _URGENT_ROUNDS = 3  # whoever turned a slot says so in this many rounds
 _TALKERS = 5  # of the others, about so many answer a differing digest in one round

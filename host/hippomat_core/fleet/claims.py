@@ -16,9 +16,8 @@ from hippomat_core.fleet.peers import Peer
 from hippomat_core.fleet.timing import Timing
 from hippomat_core.fleet.votes import ClaimId
 from hippomat_core.messages import ClaimChanged
-from hippomat_core.wire.frames import NO_SLOT, AirClaim
+from hippomat_core.wire.frames import AirClaim
 
-NO_CLAIM = AirClaim(NO_SLOT, 0, 0, 0, False, 0, 0, 0, 0, 0)
 TAGS = 3
 _LATE_ROUNDS = 1.5  # a row older than this was not refreshed in its round
 COORDINATED = ("hungarian", "greedy")  # never choose one task twice on one snapshot

@@ -5,11 +5,7 @@ Ages are on the receiver's monotonic clock. A row is replaced only by a newer on
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
 
 from hippomat_core.fleet.votes import ClaimId, claim_of
 from hippomat_core.wire.frames import Header, StateFrame
@@ -47,49 +43,3 @@ def is_newer(header: Header, known: Peer | None, stamp_ns: int, dead_ns: int) ->
     if header.boot < known.boot:
         return stamp_ns - known.stamp_ns > dead_ns
     return 0 < (header.sequence - known.sequence) % _SEQUENCES < _SEQUENCES // 2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PeerBody:
-    """A peer as an obstacle, from its last row (fleet frame). Robots do not vanish: judge by the age."""
-
-    robot: int
-    age_s: float
-    x_m: float
-    y_m: float
-    z_m: float
-    yaw_rad: float
-    speed_mps: float
-    status: int
-    intent: NDArray[np.int32]  # (K, 3) map cells ix, iy, iz: the first is where it is, then its next ones
-    claim: ClaimId | None
-    destination_m: tuple[float, float, float] | None
-    eta_s: float
-
-
-def body_of(peer: Peer, stamp_ns: int) -> PeerBody:
-    frame, claim = peer.frame, peer.claim
-    return PeerBody(
-        robot=peer.robot,
-        age_s=(stamp_ns - peer.stamp_ns) / 1e9,
-        x_m=frame.x_cm / 100,
-        y_m=frame.y_cm / 100,
-        z_m=frame.z_cm / 100,
-        yaw_rad=frame.yaw_256 * math.tau / 256,
-        speed_mps=frame.speed_2cmps * 0.02,
-        status=frame.status,
-        intent=intent_cells(frame),
-        claim=claim,
-        destination_m=None
-        if claim is None
-        else (frame.claim.x_cm / 100, frame.claim.y_cm / 100, frame.claim.z_cm / 100),
-        eta_s=frame.claim.eta_ds / 10,
-    )
-
-
-def intent_cells(frame: StateFrame) -> NDArray[np.int32]:
-    """(1 + steps, 3) cells of a broadcast intent."""
-    start = np.array([[frame.intent_ix, frame.intent_iy, frame.intent_iz]], np.int32)
-    steps = frame.intent_steps.astype(np.int32)
-    moves = np.stack([steps % 3 - 1, steps // 3 % 3 - 1, steps // 9 - 1], axis=1).reshape(-1, 3)
-    return np.concatenate([start, start + np.cumsum(moves, axis=0, dtype=np.int32)])

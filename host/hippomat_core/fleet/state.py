@@ -16,7 +16,7 @@ from hippomat_core.allocation.port import Allocator
 from hippomat_core.config import Config, FleetConfig
 from hippomat_core.fleet import votes as rule_f
 from hippomat_core.fleet.claims import TAGS, OwnClaim
-from hippomat_core.fleet.peers import Peer, PeerBody, body_of, is_newer
+from hippomat_core.fleet.peers import Peer, is_newer
 from hippomat_core.fleet.tasks import Tasks, turned_effects
 from hippomat_core.fleet.timing import Timing
 from hippomat_core.fleet.votes import ClaimId, Votes, claim_of
@@ -71,10 +71,6 @@ class FleetState:
     passive: str = ""  # why we take no part for the rest of the run
     mismatched: frozenset[int] = frozenset()
     alarmed: frozenset[str] = frozenset()
-
-    def peer_bodies(self, stamp_ns: int) -> tuple[PeerBody, ...]:
-        """Every peer ever heard, in id order, as obstacles with poses, intents and ages."""
-        return tuple(body_of(peer, stamp_ns) for peer in self.peers if peer is not None)
 
     def round_due(self, stamp_ns: int) -> bool:
         """True when a new allocation round has begun since the last round end."""

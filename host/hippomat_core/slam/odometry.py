@@ -38,7 +38,7 @@ def moved(odometry: Odometry, feedback: BaseFeedback) -> Odometry:
         return replace(odometry, last=raw, stamp_ns=feedback.stamp_ns, window=(feedback.stamp_ns, 0.0, 0.0))
     east_m = _wrapped(raw[0] - odometry.last[0]) / 1000.0
     north_m = _wrapped(raw[1] - odometry.last[1]) / 1000.0
-    turned_rad = wrap_angle(_wrapped(raw[2] - odometry.last[2]) / 1000.0)
+    turned_rad = math.remainder(_wrapped(raw[2] - odometry.last[2]) / 1000.0, math.tau)
     if math.hypot(east_m, north_m) > JUMP_M:
         return replace(odometry, last=raw, stamp_ns=feedback.stamp_ns, jumps=odometry.jumps + 1)
 
@@ -52,15 +52,10 @@ def moved(odometry: Odometry, feedback: BaseFeedback) -> Odometry:
         measured,
         x_m=odometry.x_m + math.cos(yaw) * forward_m - math.sin(yaw) * left_m,
         y_m=odometry.y_m + math.sin(yaw) * forward_m + math.cos(yaw) * left_m,
-        yaw_rad=wrap_angle(yaw + turned_rad),
+        yaw_rad=math.remainder(yaw + turned_rad, math.tau),
         last=raw,
         stamp_ns=feedback.stamp_ns,
     )
-
-
-def wrap_angle(angle_rad: float) -> float:
-    """The same direction in [-pi, pi)."""
-    return (angle_rad + math.pi) % (2 * math.pi) - math.pi
 
 
 def _wrapped(difference: int) -> int:

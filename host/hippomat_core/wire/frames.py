@@ -58,6 +58,9 @@ class AirClaim:
     eta_ds: U16
 
 
+NO_CLAIM = AirClaim(NO_SLOT, 0, 0, 0, False, 0, 0, 0, 0, 0)
+
+
 @dataclass(frozen=True, slots=True)
 class StateFrame:
     """STATE, one per round and robot. M = len(costs), N = len(endorsed)."""

@@ -24,7 +24,6 @@ from hippomat_core.wire.packing import (
 )
 
 MAX_MOVE = 26
-NO_CLAIM = AirClaim(air.NO_SLOT, 0, 0, 0, False, 0, 0, 0, 0, 0)
 
 _ALL_FLAGS = (
     air.FLAG_STOPPED | air.FLAG_LOCALIZED | air.FLAG_GUARD | air.FLAG_BATTERY_LOW | air.FLAG_SATURATED
@@ -156,7 +155,7 @@ def _decode_claim(data: bytes, m: int) -> AirClaim:
 def _check_claim(claim: AirClaim, m: int) -> None:
     require(claim.confirmed in (False, True), "STATE.claim.confirmed", claim.confirmed, "is not a bool")
     if claim.slot == air.NO_SLOT:
-        require(claim == NO_CLAIM, "STATE.claim", claim, "has no slot: its other fields must be 0")
+        require(claim == air.NO_CLAIM, "STATE.claim", claim, "has no slot: its other fields must be 0")
     else:
         whole_number("STATE.claim.slot", claim.slot, 0, m - 1)
         whole_number("STATE.claim.tag", claim.tag, 1, 3)
