@@ -48,6 +48,11 @@ class Screen:
     def line(self, text: str) -> None:
         self._lines.append(text)
 
+    @property
+    def waiting(self) -> int:
+        """Lines that are not on the terminal yet."""
+        return len(self._lines)
+
     def show(self, view: FleetView, log: str) -> None:
         """view: a snapshot; only the newest is drawn."""
         self._view = (view, log)

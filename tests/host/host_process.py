@@ -17,7 +17,7 @@ from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.wire.frames import STATE
 from hippomat_logs.map_files import save_map
 
-DAEMON = [sys.executable, "-m", "hippomat_host.cli"]
+DAEMON = [sys.executable, "-m", "hippomat_host"]
 
 
 def hippomat_host(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
