@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hippomat_core.config import Config
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.planning.costmap import inflate
+from hippomat_core.planning.ground import ground_of
 from hippomat_logs.map_files import load_map
 from hippomat_sim.daemons import Daemon, DaemonOrder, describe_end, interrupt_all, kill_all
 from hippomat_sim.medium import AirSettings, StationCounts
@@ -66,12 +66,9 @@ class FleetRun:
         self.settings = checked(settings)
         self.config = run_config(settings)
         self.grid = load_map(settings.map_yaml)
-        planning = self.config.planning
-        costmap = inflate(
-            self.grid, planning.inflation_radius, planning.cost_scaling_factor, planning.allow_unknown
-        )
         radius_m = self.config.robot.radius_m
-        self.starts = start_poses(costmap, settings.robots, radius_m, settings.seed)
+        ground = ground_of(self.grid, 0, self.config)
+        self.starts = start_poses(ground, settings.robots, radius_m, settings.seed)
         settings.out.mkdir(parents=True, exist_ok=True)
         self.toml = settings.out / "hippomat.toml"
         self.toml.write_text(config_toml(self.config), encoding="utf-8")
@@ -111,33 +108,34 @@ class FleetRun:
         return self.settings.out / "logs" / f"robot{robot}"
 
     def _start(self) -> None:
+        """Start the daemons and wait until all robots are on the air."""
         self._view.phase("starting the daemons", 0.0, 0.0)
         self._start_ns = time.monotonic_ns()
         self._cpu_start_s = time.process_time()
-        for robot, pose in enumerate(self.starts.tolist()):
-            log = self.log_directory(robot) if self.settings.record_logs else None
-            order = DaemonOrder(
-                robot,
-                self.settings.out / "ports",
-                self.toml,
-                self.settings.map_yaml.resolve(),
-                (pose[0], pose[1], pose[2]),
-                log,
-            )
-            self.daemons.append(Daemon(order, self.settings.out))
-        ear = self.simulation.ear
-        self._pace(
-            START_TIMEOUT_S, lambda: all(heard.first_us >= 0 for heard in ear.robots) or self._one_died()
-        )
-        silent = [robot for robot, heard in enumerate(ear.robots) if heard.first_us < 0]
+        self.daemons = [Daemon(self._order(robot), self.settings.out) for robot in range(len(self.starts))]
+        heard = self.simulation.ear.robots
+        self._pace(START_TIMEOUT_S, lambda: all(one.first_us >= 0 for one in heard) or self._one_died())
+        silent = [robot for robot, one in enumerate(heard) if one.first_us < 0]
         if self.interrupted or not silent:
             return
         dead = next((daemon for daemon in self.daemons if daemon.died), None)
         if dead is not None:
             raise HippomatError(f"the fleet did not start: {describe_end(dead)}")
+        mute = self.daemons[silent[0]]
         raise HippomatError(
-            f"the fleet did not start: robot {silent[0]} was not heard within {START_TIMEOUT_S:.0f} s; "
-            f"see {self.daemons[silent[0]].errors}:\n{self.daemons[silent[0]].last_words()}"
+            f"the fleet did not start: robot {mute.robot} was not heard within {START_TIMEOUT_S:.0f} s; "
+            f"see {mute.errors}:\n{mute.last_words()}"
+        )
+
+    def _order(self, robot: int) -> DaemonOrder:
+        x_m, y_m, yaw_rad = self.starts[robot].tolist()
+        return DaemonOrder(
+            robot,
+            self.settings.out / "ports",
+            self.toml,
+            self.settings.map_yaml.resolve(),
+            (x_m, y_m, yaw_rad),
+            self.log_directory(robot) if self.settings.record_logs else None,
         )
 
     def _drive(self) -> float:

@@ -1,11 +1,10 @@
-"""What a finished run's logs say: tasks completed, and whether each log is reproduced. Knows no world."""
+"""What the logs of a finished run say: where tasks were completed, and what replay reproduced."""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,12 +55,6 @@ def completions(logs: Sequence[Path]) -> list[Completion]:
             if isinstance(claim, ClaimChanged) and claim.what == "completed":
                 found.append(Completion(run.robot, claim.slot, claim.generation, claim.x_m, claim.y_m))
     return found
-
-
-def done_twice(found: Sequence[Completion]) -> list[tuple[int, int]]:
-    """(slot, generation) of the tasks that were completed more than once."""
-    counts = Counter((one.slot, one.generation) for one in found)
-    return sorted(task for task, count in counts.items() if count > 1)
 
 
 def replay(logs: Sequence[Path]) -> list[Verdict]:
