@@ -20,6 +20,7 @@ else:
 
 MAX_ROBOTS = 64
 MAX_TASK_SLOTS = 80
+ROBOTS_PER_SECOND_OF_ROUND = 320  # STATE and two relays in slots of 1.04 ms: 32 robots in 100 ms
 
 T = TypeVar("T")
 
@@ -151,12 +152,29 @@ def config_from_dict(tree: dict[str, Any], name: str = "hippomat.toml") -> Confi
             raise ConfigError(f"{name}: [{section}] must be a table, found {values!r}")
         parts[section] = _section(hints[section], values, f"{name}: [{section}]")
     config = Config(**parts)
-    if config.robot.id >= config.fleet.size:
-        raise ConfigError(
-            f"{name}: [robot] id = {config.robot.id} is not in a fleet of size {config.fleet.size} "
-            f"(ids 0..{config.fleet.size - 1}); raise [fleet] size or choose another id"
-        )
+    _check_together(config, name)
     return config
+
+
+def _check_together(config: Config, name: str) -> None:
+    """What no single key can break."""
+    fleet, robot, planning = config.fleet, config.robot, config.planning
+    if robot.id >= fleet.size:
+        raise ConfigError(
+            f"{name}: [robot] id = {robot.id} is not in a fleet of size {fleet.size} "
+            f"(ids 0..{fleet.size - 1}); raise [fleet] size or choose another id"
+        )
+    if fleet.size > ROBOTS_PER_SECOND_OF_ROUND * fleet.round_s + 1e-9:
+        raise ConfigError(
+            f"{name}: [fleet] size = {fleet.size} does not fit on the air in rounds of {fleet.round_s} s: "
+            f"set round_s = {fleet.size / ROBOTS_PER_SECOND_OF_ROUND:.4f} or more"
+        )
+    body_m = robot.radius_m + config.guard.margin_m
+    if planning.inflation_radius < body_m:
+        raise ConfigError(
+            f"{name}: [planning] inflation_radius = {planning.inflation_radius} is less than [robot] radius_m + "
+            f"[guard] margin_m = {body_m:.3f}: the guard would stop the robot on its own path"
+        )
 
 
 def config_to_dict(config: Config) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """The configuration tree: everything it refuses, it refuses by name."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,7 +15,7 @@ def test_an_empty_file_is_the_default_configuration():
 
 
 def test_a_configuration_survives_the_way_through_the_manifest():
-    config = parse_config('[fleet]\nsize = 7\nallocator = "greedy"\n[robot]\nid = 3\nradius_m = 0.2\n')
+    config = parse_config('[fleet]\nsize = 7\nallocator = "greedy"\n[robot]\nid = 3\nradius_m = 0.1\n')
     assert config_from_dict(config_to_dict(config)) == config
 
 
@@ -30,6 +32,11 @@ def test_a_configuration_survives_the_way_through_the_manifest():
         ("[limits]\nspeed_mps = nan", r"speed_mps = nan is outside"),
         ('[fleet]\nallocator = "magic"', r"'magic' is not one of hungarian, greedy"),
         ("[fleet]\nsize = 3\n[robot]\nid = 3", r"id = 3 is not in a fleet of size 3 \(ids 0\.\.2\)"),
+        (
+            "[fleet]\nsize = 33",
+            r"size = 33 does not fit on the air in rounds of 0\.1 s: set round_s = 0\.1031",
+        ),
+        ("[robot]\nradius_m = 0.2", r"inflation_radius = 0\.17 is less than .* = 0\.230"),
         ("[fleet\nsize", "not valid TOML"),
     ],
 )
@@ -39,7 +46,15 @@ def test_what_cannot_be_used_is_refused_by_file_section_key_value_and_range(text
     assert str(caught.value).startswith("lab.toml: ")
 
 
-@given(st.floats(0.02, 5.0), st.integers(1, 64))
+@given(st.floats(0.02, 5.0), st.integers(1, 32))
 def test_any_value_in_range_is_taken(speed_mps, size):
     config = parse_config(f"[limits]\nspeed_mps = {speed_mps!r}\n[fleet]\nsize = {size}")
     assert (config.limits.speed_mps, config.fleet.size) == (speed_mps, size)
+
+
+def test_the_example_file_shows_every_key_with_its_default():
+    text = (Path(__file__).parents[2] / "hippomat.toml").read_text()
+    assert parse_config(text) == Config()
+    for section, values in config_to_dict(Config()).items():
+        assert f"[{section}]" in text
+        assert all(f"\n{key} = " in text for key in values)
