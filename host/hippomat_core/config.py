@@ -172,8 +172,8 @@ def _check_together(config: Config, name: str) -> None:
     body_m = robot.radius_m + config.guard.margin_m
     if planning.inflation_radius < body_m:
         raise ConfigError(
-            f"{name}: [planning] inflation_radius = {planning.inflation_radius} is less than [robot] radius_m + "
-            f"[guard] margin_m = {body_m:.3f}: the guard would stop the robot on its own path"
+            f"{name}: [planning] inflation_radius = {planning.inflation_radius} is less than "
+            f"[robot] radius_m + [guard] margin_m = {body_m:.3f}: the guard would stop the robot on its own path"
         )
 
 
