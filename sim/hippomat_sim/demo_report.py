@@ -16,12 +16,14 @@ from hippomat_sim.run_logs import Verdict
 from hippomat_sim.world import Contact
 
 _COLUMNS = (
-    "tasks", "travel\ncost s", "CF1\n%", "alloc.\ns", "compute\nms", "sent", "received", "lost", "contacts"
-)  # fmt: skip
+    *("tasks", "travel\ncost s", "CF1\n%", "alloc.\ns", "settle\ns", "compute\nms"),
+    *("sent", "received", "lost", "con-\ntacts"),
+)
 NOTES = (
     "travel cost: sum of the claims' costs when requested; CF1: share of requested tasks that exactly "
-    "one robot requested; alloc.: median from task seen to claim confirmed; compute: median per pass of the "
-    "daemon's loop; frames: by the robots' logs; contacts: by the simulated world"
+    "one robot requested; alloc.: median from task seen to claim confirmed, with the wait for a free robot; "
+    "settle: median from request to claim confirmed; compute: median per pass of the daemon's loop; frames: "
+    "by the robots' logs; contacts: by the simulated world"
 )
 
 
@@ -90,6 +92,7 @@ def _figures(of: RobotMetrics | FleetMetrics, conflict_free: float, contacts: in
         f"{of.travel_cost_s:.1f}",
         _number(100 * conflict_free, 0),
         _number(quantiles(of.allocation_s)[0], 2),
+        _number(quantiles([wait_s for robot in robots for wait_s in _settling_s(robot)])[0], 2),
         _number(quantiles(of.compute_ms)[0], 1),
         str(sum(robot.frames_sent for robot in robots)),
         str(sum(robot.frames_received for robot in robots)),
@@ -102,6 +105,11 @@ def _conflict_free(robot: RobotMetrics, requests: Counter[tuple[int, int]]) -> f
     """Of the tasks that this robot requested, the share that no other robot requested."""
     mine = robot.requested
     return sum(requests[task] == 1 for task in mine) / len(mine) if mine else math.nan
+
+
+def _settling_s(robot: RobotMetrics) -> list[float]:
+    """Own request -> own claim confirmed."""
+    return [at_s - robot.requested[task] for task, at_s in robot.confirmed.items() if task in robot.requested]
 
 
 def _common_verdict(report: DemoReport) -> str:

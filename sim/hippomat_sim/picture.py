@@ -44,9 +44,9 @@ def draw(data: PictureData, path: Path) -> None:
     """Write the PNG."""
     x0, y0, x1, y1 = _frame(data.grid)
     width = 7.2
-    figure = Figure(figsize=(width + 2.1, width * (y1 - y0) / (x1 - x0) + 1.0), dpi=150, facecolor="white")
+    figure = Figure(figsize=(width + 2.4, width * (y1 - y0) / (x1 - x0) + 1.0), dpi=150, facecolor="white")
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.02, 0.03, 0.76, 0.86))
+    axes = figure.add_axes((0.02, 0.03, 0.74, 0.86))
     _map(axes, data.grid)
     for robot in range(data.poses.shape[1]):
         _way(axes, data.poses[:, robot], robot, data.robot_radius_m)
@@ -134,4 +134,4 @@ def _legend(figure: Figure, data: PictureData) -> None:
         handles.append(handle)
     if data.contacts:
         handles.append(Line2D([], [], color="white", marker="x", markeredgecolor="red", label="contact"))
-    figure.legend(handles=handles, loc="center left", bbox_to_anchor=(0.78, 0.5), frameon=False, fontsize=9)
+    figure.legend(handles=handles, loc="center left", bbox_to_anchor=(0.76, 0.5), frameon=False, fontsize=9)

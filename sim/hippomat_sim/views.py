@@ -47,6 +47,7 @@ class LiveView:
         self._live = Live(console=console, auto_refresh=False, transient=False)
         self._name, self._began_s, self._seconds = "", 0.0, 0.0
         self._started = False
+        self._table: RenderableType = ""
 
     def phase(self, name: str, began_s: float, seconds: float) -> None:
         self._name, self._began_s, self._seconds = name, began_s, seconds
@@ -55,13 +56,15 @@ class LiveView:
             self._live.start()
 
     def show(self, now_s: float, simulation: Simulation) -> None:
-        self._live.update(Group(fleet_table(simulation), self._progress(now_s)), refresh=True)
+        self._table = fleet_table(simulation)
+        self._live.update(Group(self._table, self._progress(now_s)), refresh=True)
 
     def note(self, text: str) -> None:
         self._live.console.print(Text(text, style="red"))
 
     def close(self) -> None:
         if self._started:
+            self._live.update(self._table, refresh=True)  # without the progress
             self._live.stop()
 
     def _progress(self, now_s: float) -> RenderableType:
