@@ -173,7 +173,8 @@ def _check_together(config: Config, name: str) -> None:
     if planning.inflation_radius < body_m:
         raise ConfigError(
             f"{name}: [planning] inflation_radius = {planning.inflation_radius} is less than "
-            f"[robot] radius_m + [guard] margin_m = {body_m:.3f}: the guard would stop the robot on its own path"
+            f"[robot] radius_m + [guard] margin_m = {body_m:.3f}: "
+            "the guard would stop the robot on its own path"
         )
 
 
