@@ -6,6 +6,7 @@ import math
 import sys
 from typing import Protocol
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
@@ -118,19 +119,20 @@ class PlainView:
 def fleet_table(simulation: Simulation) -> Table:
     """Robots as rows: where they are, what they say, what their radios did, what they touched."""
     table = Table(title="hippomat: simulated fleet", title_justify="left", title_style="bold")
+    table.box, table.padding = SIMPLE_HEAD, (0, 1, 0, 0)
     table.add_column("robot", justify="right", style="bold")
-    table.add_column(r"x \[m]  y \[m]  yaw [°]", justify="right")
-    table.add_column("status")
-    table.add_column("claim")
-    for name in ("done", "sent", "received", "lost", "contacts"):
-        table.add_column(name, justify="right")
+    table.add_column(r"x \[m]  y \[m] yaw [°]", justify="right", no_wrap=True)
+    table.add_column("status", min_width=8)
+    table.add_column("claim", min_width=6)
+    for name in ("done", "sent", "received", "lost", "contacts"):  # fits 80 columns
+        table.add_column(name, justify="right", no_wrap=True)
     contacts = simulation.world.contacts
     for robot, (pose, heard, counts) in enumerate(
         zip(simulation.world.poses.tolist(), simulation.ear.robots, simulation.medium.counts, strict=True)
     ):
         table.add_row(
             str(robot),
-            f"{pose[0]:5.2f}  {pose[1]:5.2f}  {math.degrees(math.remainder(pose[2], 2 * math.pi)):7.0f}",
+            f"{pose[0]:5.2f}  {pose[1]:5.2f}  {math.degrees(math.remainder(pose[2], 2 * math.pi)):5.0f}",
             Text(heard.status, style=_STATUS_STYLE.get(heard.status, "")),
             heard.claim,
             str(heard.served),
