@@ -44,11 +44,11 @@ from hippomat_host import happenings
 from hippomat_host.acceptance import hello_of
 from hippomat_host.fleet_view import FleetView
 from hippomat_host.happenings import Happening
-from hippomat_host.links import FROM_DEVICE, TO_DEVICE, Link, now
+from hippomat_host.links import Link, now
 from hippomat_host.reactor import Reactor
 from hippomat_host.screen import REFRESH_S, Screen
 from hippomat_logs.recorder import RecorderStatus
-from hippomat_logs.records import IDENTIFICATION, RUNNING
+from hippomat_logs.records import FROM_DEVICE, IDENTIFICATION, RUNNING, TO_DEVICE
 
 MAP_EPOCH = 1
 

@@ -20,9 +20,10 @@ from hippomat_core.messages import BASE
 from hippomat_core.wire.link import Hello
 from hippomat_host.deadman import ZERO
 from hippomat_host.happenings import LOST, NOTE, OPENED, READ, Exchanged, Happening
-from hippomat_host.links import FROM_DEVICE, SILENT_NS, Acceptance, Backoff
+from hippomat_host.links import SILENT_NS, Acceptance, Backoff
 from hippomat_host.probe import probe
 from hippomat_host.serial_port import open_port, write_port
+from hippomat_logs.records import FROM_DEVICE
 
 START_NS = 10_000_000_000  # a guard that has said nothing by then hangs
 EXIT_S = 1.0
@@ -92,10 +93,7 @@ class GuardLink:
             return False
 
     def close(self) -> None:
-        """Zeros, then the end of the guard's input: it sends zeros of its own and leaves."""
-        if self._guard is None:
-            return
-        self.write(ZERO)
+        """End the guard's input: it sends zeros and leaves."""
         self._end_guard()
 
     def _start(self, now_ns: int) -> None:

@@ -14,13 +14,12 @@ from typing import Protocol
 
 from hippomat_core.errors import HippomatError
 from hippomat_core.messages import LIDAR
-from hippomat_core.wire import rplidar
 from hippomat_core.wire.link import Hello
 from hippomat_host.happenings import LOST, NOTE, OPENED, READ, Exchanged, Happening
 from hippomat_host.identify import Identifier, Identity
 from hippomat_host.serial_port import motor_off, motor_on, open_port, read_port, write_port
+from hippomat_logs.records import FROM_DEVICE, TO_DEVICE
 
-FROM_DEVICE, TO_DEVICE = 0, 1
 FIRST_RETRY_NS = 100_000_000
 LAST_RETRY_NS = 5_000_000_000
 SILENT_NS = (5_000_000_000, 2_000_000_000, 3_000_000_000)  # by port: longer means that it has to be reopened
@@ -138,7 +137,6 @@ class SerialLink:
             return
         with contextlib.suppress(OSError):
             if self.port == LIDAR and self.running:
-                write_port(self._fd, rplidar.request(rplidar.STOP))
                 motor_off(self._fd)
         os.close(self._fd)
         self._fd, self._identifier, self._unwritten = -1, None, b""

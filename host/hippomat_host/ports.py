@@ -48,7 +48,7 @@ def list_ports(paths: Sequence[str]) -> int:
     for row in rows:
         also = "".join(f"\nalso called {name}" for name in row.names)
         table.add_row(row.path, row.what, row.flag, row.text + also)
-    Console(highlight=False).print(table)
+    Console(highlight=False, markup=False).print(table)
     return 0
 
 

@@ -27,8 +27,10 @@ def picture(view: FleetView, given: Given, log: str) -> RenderableType:
     for alarm in view.alarms.values():
         parts.append(Text(f" {alarm.code}: {alarm.text}", style=_COLOURS.get(alarm.level, "")))
     if given.missing:
-        parts.append(Text(f" missing: {', '.join(given.missing)}", style="yellow"))
-        parts.append(Text(f" next:    {given.next_command()}"))
+        advice = Table.grid(padding=(0, 1))
+        advice.add_row(" missing", Text(", ".join(given.missing), style="yellow"))
+        advice.add_row(" next", given.next_command())
+        parts.append(advice)
     return Panel(Group(*parts), title=f"hippomat-host · {who}", title_align="left", expand=True)
 
 

@@ -65,16 +65,20 @@ class Screen:
         try:
             face = make_face()
             while not self._closing.wait(_WAKE_S):
-                self._write_once(face)
-            self._write_once(face)
+                self._draw(face)
+                self._say(face)
+            self._draw(face)
             face.close()
+            self._say(face)  # the last words stand below the table
         except (OSError, ValueError):  # the terminal is gone; the robot goes on
             return
 
-    def _write_once(self, face: Face) -> None:
+    def _draw(self, face: Face) -> None:
         view, self._view = self._view, None
         if view is not None:
             face.view(*view)
+
+    def _say(self, face: Face) -> None:
         while self._lines:
             face.line(self._lines.popleft())
 
@@ -84,7 +88,7 @@ class LiveFace:
 
     def __init__(self, given: Given, console: Console | None = None) -> None:
         self._given = given
-        self._console = console or Console(highlight=False)
+        self._console = console or Console(highlight=False, markup=False)
         self._live = Live(console=self._console, auto_refresh=False, redirect_stderr=False)
         self._live.start()
 

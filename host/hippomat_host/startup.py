@@ -47,7 +47,7 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
     except HippomatError:
         raise
     except Exception as fault:  # the motors have been stopped by now
-        raise _as_error(fault, config) from None
+        raise as_error(fault, config) from None
 
 
 @contextlib.contextmanager
@@ -113,7 +113,7 @@ def _run(
 def _welcome(screen: Screen, given: Given, config: Config) -> None:
     if given.observes:
         screen.line("observing: shows and records the fleet, requests nothing, moves nothing")
-    if given.missing:
+    if given.missing and not sys.stdout.isatty():  # the live table keeps showing it
         screen.line(f"missing: {', '.join(given.missing)}")
         screen.line(f"next: {given.next_command()}")
     if not given.observes and config.fleet.allocator == "hungarian":
@@ -163,7 +163,7 @@ def _policy(config: Config) -> bytes | None:
         ) from None
 
 
-def _as_error(fault: BaseException, config: Config) -> HippomatError:
+def as_error(fault: BaseException, config: Config) -> HippomatError:
     """What the user sees of a fault: one line, and where the traceback was put."""
     text = "".join(traceback.format_exception(fault))
     name = time.strftime("hippomat-host-fault-%Y%m%dT%H%M%S.txt")

@@ -37,7 +37,7 @@ def state_of(robot: int, stamp_ns: int, sequence: int, boot: int = 1) -> StateHe
 
 
 def shown(view: FleetView, given: Given, width: int = 120) -> str:
-    console = Console(width=width, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console = Console(width=width, markup=False, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
     with console.file:
         console.print(picture(view, given, "run.mcap  7 records, 0 lost"))
         return console.export_text()
@@ -52,7 +52,7 @@ def test_the_table_shows_the_fleet_that_is_heard() -> None:
     row = next(line for line in text.splitlines() if "0.5 s" in line)
     for part in ("assigned", "-61", "20%", "1.23", "-0.45", "90°", "task 3.7 confirmed", "00000abc"):
         assert part in row
-    assert "missing: the base (--base)" in text
+    assert "missing the base (--base)" in text
     assert "hippomat-host --port /dev/ttyACM0 --base BASE" in text
 
 
