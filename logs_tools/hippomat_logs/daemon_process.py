@@ -64,7 +64,7 @@ def daemon_command(run: Run, directory: Path, paths: dict[int, str], policy: Pat
 
 def recorded_map(run: Run) -> OccupancyGrid | None:
     """The run's first map."""
-    for record in run.records_in_order():
+    for record in run.records_in_order((m.MapReceived,)):
         received = record.message
         if isinstance(received, m.MapReceived):
             cells = np.array(received.cells, np.int8).reshape(received.height, received.width)

@@ -7,6 +7,7 @@ drained and counted. Linux and other systems with pseudo-terminals.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import pty
 import select
@@ -43,6 +44,12 @@ class FakePort:
     @property
     def wants_to_write(self) -> bool:
         return bool(self._unsent)
+
+    @property
+    def pending_bytes(self) -> int:
+        """Bytes offered that nobody has read yet."""
+        waiting = fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4))
+        return len(self._unsent) + int.from_bytes(waiting, "little")
 
     def offer(self, data: bytes) -> None:
         self._unsent += data
@@ -101,7 +108,7 @@ def identification_bytes(run: Run) -> dict[int, bytes]:
     """What each device sent while it was identified, by port, up to its first running byte."""
     heard: dict[int, bytearray] = {}
     running: set[int] = set()
-    for record in run.records_in_order():
+    for record in run.records_in_order((SerialRecord, m.PortOpened)):
         serial = record.message
         if isinstance(serial, m.PortOpened):
             running.add(serial.port)
@@ -171,7 +178,7 @@ class _Lidar:
 
 def running_reads(run: Run) -> Iterator[SerialRecord]:
     """Every read of the running phase, in order."""
-    for record in run.records_in_order():
+    for record in run.records_in_order((SerialRecord,)):
         serial = record.message
         if isinstance(serial, SerialRecord) and (serial.direction, serial.phase) == (FROM_DEVICE, RUNNING):
             yield serial

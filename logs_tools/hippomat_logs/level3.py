@@ -69,7 +69,7 @@ def check_motion(run: Run, strict: bool) -> LevelResult:
 
 def motion_of(run: Run) -> Motion:
     motion, start_ns = Motion(), 0
-    for record in run.records_in_order():
+    for record in run.records_in_order((m.MapReceived, m.PoseEstimated, m.Drive)):
         message = record.message
         if isinstance(message, m.MapReceived):
             motion.map = message

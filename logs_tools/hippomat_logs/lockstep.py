@@ -27,6 +27,7 @@ from hippomat_logs.schema import EFFECTS, EVENTS
 ANSWER_S = 30.0
 START_S = 60.0
 PROGRESS_STEP = 500
+TOLD = (SerialRecord, m.Started, m.MapReceived, m.Tick, m.PortOpened, m.PortLost)
 
 
 def replay_in_daemon(
@@ -97,7 +98,7 @@ def _instruct(
     progress: Callable[[str, int], None],
 ) -> None:
     last_ns = done = 0
-    for record in run.records_in_order():
+    for record in run.records_in_order(TOLD):
         told = instruction(record.message)
         if told is None:
             continue
@@ -144,11 +145,9 @@ def _wait_for_end(ports: FakePorts, daemon: DaemonProcess) -> None:
 def decided(run: Run) -> Iterator[tuple[int, Record]]:
     """(tick, record) of every event and effect."""
     tick = 0
-    for record in run.records_in_order():
-        kind = type(record.message)
-        tick += kind is m.Tick
-        if kind in EVENTS or kind in EFFECTS:
-            yield tick, record
+    for record in run.records_in_order(EVENTS + EFFECTS):
+        tick += isinstance(record.message, m.Tick)
+        yield tick, record
 
 
 def compare_runs(recorded: Run, again: Run, exact: bool) -> LevelResult:

@@ -12,10 +12,13 @@ import platform
 import secrets
 import sys
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 import numpy as np
 
+import hippomat_core
 from hippomat_core.config import Config, config_from_dict, config_to_dict
 from hippomat_core.errors import LogError
 from hippomat_core.wire.frames import PROTOCOL_VERSION
@@ -67,6 +70,16 @@ def recorded_threads(manifest: Mapping[str, str]) -> dict[str, str]:
     return {name: facts[name] for name in THREAD_SETTINGS if str(facts.get(name, "")).isdigit()}
 
 
+@cache
+def core_hash() -> str:
+    """SHA-256 of the robot core's source, which decides; two runs of one hash differ for another reason."""
+    digest = hashlib.sha256()
+    root = Path(hippomat_core.__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
 def run_manifest(
     config: Config,
     *,
@@ -80,6 +93,7 @@ def run_manifest(
         "format": FORMAT,
         "hippomat": package_version(),
         "protocol": str(PROTOCOL_VERSION),
+        "core_hash": core_hash(),
         "robot": str(config.robot.id),
         "fleet": str(config.fleet.id),
         "session_id": session_id,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import mmap
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
@@ -19,7 +19,7 @@ from hippomat_core.config import Config
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.manifest import config_of
 from hippomat_logs.records import DropRecord, SerialRecord
-from hippomat_logs.schema import CLASSES, DERIVED, MessageStore
+from hippomat_logs.schema import CLASSES, DERIVED, TOPICS, MessageStore
 from hippomat_logs.sink import ACTIVE
 from hippomat_logs.walk import Contents, RawMessage, walk_strictly
 
@@ -95,14 +95,22 @@ class Run:
     def wall_offset_ns(self) -> int:
         return int(self.manifest["wall_offset_ns"])
 
-    def records_in_order(self) -> Iterator[Record]:
-        """Every numbered record, checked as it is read. Counts and losses are complete at the end."""
+    def records_in_order(self, kinds: Collection[type] = ()) -> Iterator[Record]:
+        """Every numbered record, checked as it is read. Counts and losses are complete at the end.
+
+        kinds: give out (and decode) only records of these classes; a checked log is read faster that way.
+        """
+        wanted = {TOPICS[kind] for kind in (*kinds, DropRecord)} if kinds else CLASSES
         self.records, expected = 0, 1
         self.lost.clear()
         for index, path in enumerate(self.paths):
             contents = Contents()
             for raw in read_raw(path, contents):
                 if raw.topic in DERIVED:
+                    continue
+                if raw.topic not in wanted and raw.topic in CLASSES and raw.number == expected:
+                    expected += 1
+                    self.records += 1
                     continue
                 record = self.decoded(path, raw)
                 first = record.message.first if isinstance(record.message, DropRecord) else raw.number
@@ -113,7 +121,8 @@ class Run:
                     self.lost.append(f"records {d.first}..{d.last} lost: {d.cause}")
                 expected = raw.number + 1
                 self.records += 1
-                yield record
+                if not kinds or type(record.message) in kinds:
+                    yield record
             self._check_end(path, contents, expected, index == len(self.paths) - 1)
 
     def decoded(self, path: Path, raw: RawMessage) -> Record:
@@ -168,7 +177,9 @@ def open_runs(paths: Sequence[Path]) -> list[Run]:
 def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
     for path in paths:
         if path.is_dir():
-            found = sorted(path.glob("*.mcap"))
+            found = sorted(path.rglob("*.mcap"))
+            if not found and next(path.rglob(f"*{ACTIVE}"), None) is not None:
+                raise LogError(f"{path}: holds unfinished logs only: `hippomat-logs recover {path}`")
             if not found:
                 raise HippomatError(f"{path}: holds no .mcap file; give a log or a directory of logs")
             yield from found

@@ -113,7 +113,7 @@ class Reencoding:
     def __init__(self, port: int, direction: int) -> None:
         self._frames = _frames_of(port, direction)
         self._unmatched = bytearray()  # behind the last frame found again
-        self._between = 0  # bytes between frames: noise, descriptors, broken sweeps
+        self._between = 0  # bytes between frames: noise, broken sweeps
 
     def feed(self, chunk: bytes) -> bytes | None:
         """None if all frames that `chunk` completes are found again, else the first one that is not."""
@@ -122,7 +122,9 @@ class Reencoding:
             at = self._unmatched.find(frame)
             if at < 0:
                 return frame
-            self._between += at
+            self._between += at - len(rplidar.SCAN_DESCRIPTOR) * self._unmatched.count(
+                rplidar.SCAN_DESCRIPTOR, 0, at
+            )
             del self._unmatched[: at + len(frame)]
         return None
 

@@ -18,7 +18,7 @@ from hippomat_logs.level1 import ByteCheck
 from hippomat_logs.level2 import DecisionReplay
 from hippomat_logs.level3 import check_motion
 from hippomat_logs.lockstep import replay_in_daemon
-from hippomat_logs.manifest import fingerprint
+from hippomat_logs.manifest import core_hash, fingerprint
 from hippomat_logs.reader import Run
 from hippomat_logs.report import FAULT, LOSSY, NOT_RUN, OK, LevelResult, RunReport
 
@@ -60,10 +60,13 @@ def _offline_levels(
 ) -> bool:
     """L0, L1 and L2 in one pass; True if the log was whole."""
     started_ns = int(run.manifest.get("started_ns", "0"))
-    bytes_check = ByteCheck(run.robot, started_ns, run.wall_offset_ns)
+    bytes_check = (
+        ByteCheck(run.robot, run.store, started_ns, run.wall_offset_ns) if "L1" in options.levels else None
+    )
     try:
         for record in run.records_in_order():
-            bytes_check.feed(record)
+            if bytes_check is not None:
+                bytes_check.feed(record)
             if decisions is not None:
                 decisions.feed(record)
             if run.records % PROGRESS_STEP == 0:
@@ -78,11 +81,17 @@ def _offline_levels(
     notes = ["recovered after a crash: the last moments are missing"] if run.recovered else []
     detail = f"{len(run.paths)} file{'s' * (len(run.paths) > 1)}, checksums and record numbers whole"
     report.results.insert(0, LevelResult("L0", OK, run.records, "records", detail, notes))
-    if "L1" in options.levels:
+    if bytes_check is not None:
         report.results.append(bytes_check.result(run.recovered))
     if decisions is not None:
-        report.results.append(decisions.result(run.recovered))
+        report.results.append(_with_reason(run, decisions.result(run.recovered)))
     return True
+
+
+def _with_reason(run: Run, result: LevelResult) -> LevelResult:
+    if result.divergence is not None and run.manifest.get("core_hash") != core_hash():
+        result.notes.append("recorded by another version of hippomat_core: its decisions may well differ")
+    return result
 
 
 def _live_levels(run: Run, options: ReplayOptions, report: RunReport, progress: Progress) -> None:

@@ -124,7 +124,11 @@ class MessageStore:
 
     def encode(self, message: object) -> bytes:
         """CDR bytes of one of our records."""
-        return bytes(self._types.serialize_cdr(_flat(message), self._names[type(message)]))
+        name = self._names[type(message)]
+        try:
+            return bytes(self._types.serialize_cdr(_flat(message), name))
+        except ValueError:  # rosbags wants contiguous arrays; a slice with a step is none
+            return bytes(self._types.serialize_cdr(_contiguous(message), name))
 
     def decode(self, kind: type, data: bytes | memoryview) -> Any:
         """The record again; its arrays are read-only."""
@@ -174,6 +178,18 @@ def _flat(message: object) -> object:
         m = message
         return _FlatSerial(m.stamp_ns, m.port, m.direction, m.phase, m.crc32, data)
     return message
+
+
+def _contiguous(message: Any) -> Any:
+    """The same record with its arrays in one piece each."""
+    if isinstance(message, np.ndarray):
+        return np.ascontiguousarray(message)
+    if isinstance(message, tuple):
+        return tuple(map(_contiguous, message))
+    if not dataclasses.is_dataclass(message) or isinstance(message, type):
+        return message
+    names = [f.name for f in dataclasses.fields(message)]
+    return type(message)(**{name: _contiguous(getattr(message, name)) for name in names})
 
 
 def _restorer(kind: type) -> Any:

@@ -64,6 +64,6 @@ def _play(run: Run, ports: FakePorts, console: Console, speed: float) -> None:
         ports.ports[serial.port].offer(serial.data)
         sent += len(serial.data)
     until_s = time.monotonic() + LATE_S
-    while time.monotonic() < until_s and any(port.wants_to_write for port in ports.ports.values()):
+    while time.monotonic() < until_s and any(port.pending_bytes for port in ports.ports.values()):
         ports.service(POLL_S)
     console.print(f"all {sent} bytes of the run were offered")

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 from log_samples import CONFIG, START_NS, new_recorder, record_samples, sample
-from mcap_ros2.reader import read_ros2_messages
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from recorded_run import record_run
 from rosbags.highlevel import AnyReader
 
@@ -62,9 +63,11 @@ def test_rosbags_and_mcap_ros2_decode_every_topic(tmp_path: Path) -> None:
             topics[connection.topic] = topics.get(connection.topic, 0) + 1
         assert {c.topic for c in reader.connections} == set(CLASSES) | set(DERIVED)
     others: dict[str, int] = {}
-    for message in read_ros2_messages(str(path)):
-        assert message.ros_msg is not None
-        others[message.channel.topic] = others.get(message.channel.topic, 0) + 1
+    with path.open("rb") as file:
+        decoders = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for _, channel, _, message in decoders.iter_decoded_messages():
+            assert message is not None
+            others[channel.topic] = others.get(channel.topic, 0) + 1
     assert topics == others
     assert {"/scan", "/odom", "/tf", "/tf_static", "/map", "/hippo/event/tick"} <= set(topics)
 

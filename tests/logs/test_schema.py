@@ -70,6 +70,12 @@ def test_an_annotation_without_a_width_is_refused_with_its_remedy() -> None:
         definition(Wrong)
 
 
+def test_an_array_with_a_step_is_recorded_like_its_copy() -> None:
+    cells = np.arange(20, dtype=np.uint16)
+    stepped, copied = (m.PathPlanned(1, a, a, 1.0, "new") for a in (cells[::2], cells[::2].copy()))
+    assert STORE.encode(stepped) == STORE.encode(copied)
+
+
 @pytest.mark.parametrize(
     ("value", "other", "path"),
     [
