@@ -32,9 +32,16 @@ class Scan:
     pose: tuple[float, float, float]  # x [m], y [m], yaw [rad]
 
 
+LAST_STOP = 65_535  # is never resumed: no later STOP could be told from it
+
+
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """The STOP latch: a counter that only grows, and the counter that was resumed."""
+    """The STOP latch: the counter of the last STOP heard (from 1 on), and the last that was resumed.
+
+    In doubt it stays latched: nothing but a STOP moves `counter`, and `resumed` never passes it, so that no
+    RESUME and no peer's row can take the effect from a STOP that comes later.
+    """
 
     counter: int = 0
     resumed: int = 0
@@ -42,6 +49,14 @@ class Stop:
     @property
     def latched(self) -> bool:
         return self.counter > self.resumed
+
+    def raised(self, counter: int) -> Stop:
+        """After a STOP."""
+        return Stop(max(self.counter, counter), self.resumed)
+
+    def lifted(self, counter: int) -> Stop:
+        """After a RESUME, which answers every STOP up to its counter."""
+        return Stop(self.counter, max(self.resumed, min(counter, self.counter, LAST_STOP - 1)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,11 +103,15 @@ def initial_state(config: Config, policy: bytes | None = None) -> State:
     )
 
 
-def merged_stop(stop: Stop, frame: StateFrame) -> Stop:
-    """A peer's STATE carries the counter, so that late joiners stop, and resume, too."""
-    counter = max(stop.counter, frame.stop_counter)
-    runs = not frame.flags & FLAG_STOPPED
-    return Stop(counter, max(stop.resumed, frame.stop_counter) if runs else stop.resumed)
+def merged_stop(stop: Stop, frame: StateFrame, agrees: bool) -> Stop:
+    """A peer's STATE carries the latch, so that late joiners stop, and resume, too.
+
+    Any peer may stop us; only one of our fleet (agrees) that runs at the very counter we are stopped at has
+    heard the RESUME that we missed.
+    """
+    if frame.flags & FLAG_STOPPED:
+        return stop.raised(frame.stop_counter)
+    return stop.lifted(frame.stop_counter) if agrees and frame.stop_counter == stop.counter else stop
 
 
 NO_POINTS: Points = np.zeros((0, 2))

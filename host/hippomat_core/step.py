@@ -41,7 +41,7 @@ from hippomat_core.messages import (
 )
 from hippomat_core.planning.ground import Fields, ground_of
 from hippomat_core.slam.odometry import moved
-from hippomat_core.state import Scan, State, Stop, initial_state, merged_stop
+from hippomat_core.state import Scan, State, initial_state, merged_stop
 from hippomat_core.tick import tick
 from hippomat_core.wire.frames import STOP
 
@@ -108,7 +108,10 @@ def _state_heard(state: State, event: StateHeard) -> Stepped:
     fleet, effects = fleet_state.heard_state(
         state.fleet, event.stamp_ns, event.header, event.frame, event.rssi_dbm
     )
-    return replace(state, fleet=fleet, stop=merged_stop(state.stop, event.frame)), tuple(effects)
+    sender = event.header.sender
+    peer = fleet.peers[sender] if sender < len(fleet.peers) else None
+    stop = merged_stop(state.stop, event.frame, peer is not None and peer.agrees)
+    return replace(state, fleet=fleet, stop=stop), tuple(effects)
 
 
 def _relay_heard(state: State, event: RelayHeard) -> Stepped:
@@ -123,9 +126,8 @@ def _tasks_heard(state: State, event: TasksHeard) -> Stepped:
 
 def _stop_heard(state: State, event: StopHeard) -> Stepped:
     stop, counter = state.stop, event.frame.counter
-    if event.header.kind == STOP:
-        return replace(state, stop=Stop(max(stop.counter, counter), stop.resumed)), ()
-    return replace(state, stop=Stop(stop.counter, max(stop.resumed, counter))), ()
+    stop = stop.raised(counter) if event.header.kind == STOP else stop.lifted(counter)
+    return replace(state, stop=stop), ()
 
 
 def _radio_status(state: State, event: RadioStatus) -> Stepped:

@@ -53,6 +53,13 @@ def map_event(grid: OccupancyGrid, stamp_ns: int, epoch: int = 1) -> MapReceived
     )  # fmt: skip
 
 
+def full_sweep(stamp_ns: int, range_m: float = 0.0) -> ScanReceived:
+    """One return per degree, all at one range; 0: nothing in sight."""
+    degrees = np.arange(360, dtype=np.uint16)
+    distance_q2 = np.full(360, round(range_m * 4000), np.uint16)
+    return ScanReceived(stamp_ns, np.full(360, 15, np.uint8), degrees * np.uint16(64), distance_q2)
+
+
 @dataclass
 class Body:
     """One simulated robot: its core, its true pose and what its core said."""
@@ -116,8 +123,7 @@ class FleetWorld:
         body.x_m += body.v_mps * math.cos(body.yaw_rad) * TICK_NS / 1e9
         body.y_m += body.v_mps * math.sin(body.yaw_rad) * TICK_NS / 1e9
         body.take(self._feedback(body, stamp_ns))
-        none = np.zeros(0, np.uint16)
-        body.take(ScanReceived(stamp_ns, none.astype(np.uint8), none, none))
+        body.take(full_sweep(stamp_ns))
         if (stamp_ns - self.bodies[0].state.started_ns) % 1_000_000_000 < TICK_NS:
             body.take(RadioStatus(stamp_ns, 7, 1, 1, 0, robot, 1, 6, 1, 0, 0, 0, 0, 0, 0, 0, 0))
         for effect in body.take(Tick(stamp_ns)):
