@@ -39,6 +39,7 @@ class FleetConfig:
 
     id: int = _number(1, 0, 255)
     size: int = _number(5, 1, MAX_ROBOTS)  # roster: robot ids 0 .. size-1
+    channel: int = _number(1, 1, 13)  # Wi-Fi, 2.4 GHz
     task_slots: int = _number(12, 1, MAX_TASK_SLOTS)  # M
     seed: int = _number(1, 0, 2**31 - 1)
     round_s: float = _number(0.1, 0.05, 5.0)

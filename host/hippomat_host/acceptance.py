@@ -11,7 +11,6 @@ from hippomat_host.identify import UNKNOWN, Identity
 from hippomat_host.serial_port import present_ports
 
 FLAGS = {RADIO: "--port", BASE: "--base", LIDAR: "--lidar"}
-WIFI_CHANNEL = 1
 
 _CHECKS = {
     RADIO: "is the ESP32-S3 flashed (`cd esp32_firmware && pio run -t upload`)",
@@ -23,7 +22,7 @@ _CHECKS = {
 def hello_of(config: Config) -> Hello:
     """How the daemon introduces itself; without a robot id it only listens."""
     robot = config.robot.id if config.robot.id >= 0 else NO_ROBOT
-    return Hello(LINK_VERSION, robot, config.fleet.id, WIFI_CHANNEL)
+    return Hello(LINK_VERSION, robot, config.fleet.id, config.fleet.channel)
 
 
 def accept(config: Config, path: str, expected: int, identity: Identity) -> str:

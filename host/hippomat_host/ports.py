@@ -11,15 +11,18 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.table import Table
 
+from hippomat_core.config import FleetConfig
 from hippomat_core.errors import PortError
 from hippomat_core.messages import RADIO
 from hippomat_core.wire.link import LINK_VERSION, NO_ROBOT, Hello
-from hippomat_host.acceptance import FLAGS, WIFI_CHANNEL
+from hippomat_host.acceptance import FLAGS
 from hippomat_host.identify import UNKNOWN
 from hippomat_host.probe import probe
 from hippomat_host.serial_port import BusyPort, present_ports
 
-_LISTENER = Hello(LINK_VERSION, NO_ROBOT, 0, WIFI_CHANNEL)  # a radio without an id stays without one
+_LISTENER = Hello(
+    LINK_VERSION, NO_ROBOT, FleetConfig().id, FleetConfig().channel
+)  # a radio without an id stays without one
 
 
 @dataclass(frozen=True, slots=True)
