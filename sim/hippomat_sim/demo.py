@@ -50,9 +50,8 @@ def exit_code(report: DemoReport) -> int:
 
 def _about(settings: RunSettings) -> str:
     robots = "one robot" if settings.robots == 1 else f"{settings.robots} robots"
-    return (
-        f"{robots}, {settings.tasks} task slots, {settings.seconds:g} s, {settings.loss:.0%} of frames lost"
-    )
+    loss = f"{100 * settings.loss:g} % of frames lost"
+    return f"{robots}, {settings.tasks} task slots, {settings.seconds:g} s, {loss}"
 
 
 def _picture(result: RunResult, completed: Sequence[Completion], settings: RunSettings) -> PictureData:

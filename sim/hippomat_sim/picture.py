@@ -23,7 +23,7 @@ from hippomat_core.planning.costmap import OCCUPIED_FROM
 # Okabe and Ito's colours, which colour-blind readers can tell apart; more robots go round again, dashed.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#6A3D9A", "#8C564B")
 _UNKNOWN, _FREE, _WALL = "#dfdcd5", "#ffffff", "#3b3b3b"
-_MARGIN_M = 0.25
+_MARGIN_M, _SCALE_BAR_M = 0.25, 0.3  # around the map, and more below it for the scale bar
 _CASING = [Stroke(linewidth=3.6, foreground="white"), Normal()]
 
 
@@ -76,7 +76,7 @@ def _frame(grid: OccupancyGrid) -> tuple[float, float, float, float]:
         ix, iy = np.array([0, grid.width - 1]), np.array([0, grid.height - 1])
     left, low = grid.centre_of(int(ix.min()), int(iy.min()))
     right, high = grid.centre_of(int(ix.max()), int(iy.max()))
-    return left - _MARGIN_M, low - _MARGIN_M, right + _MARGIN_M, high + _MARGIN_M
+    return left - _MARGIN_M, low - _MARGIN_M - _SCALE_BAR_M, right + _MARGIN_M, high + _MARGIN_M
 
 
 def _map(axes: Axes, grid: OccupancyGrid) -> None:

@@ -119,12 +119,12 @@ class PlainView:
 def fleet_table(simulation: Simulation) -> Table:
     """Robots as rows: where they are, what they say, what their radios did, what they touched."""
     table = Table(title="hippomat: simulated fleet", title_justify="left", title_style="bold")
-    table.box, table.padding = SIMPLE_HEAD, (0, 1, 0, 0)
-    table.add_column("robot", justify="right", style="bold")
+    table.box, table.padding = SIMPLE_HEAD, (0, 0, 0, 0)
+    table.add_column("robot", justify="right", style="bold", no_wrap=True, min_width=5)
     table.add_column(r"x \[m]  y \[m] yaw [°]", justify="right", no_wrap=True)
     table.add_column("status", min_width=8)
     table.add_column("claim", min_width=6)
-    for name in ("done", "sent", "received", "lost", "contacts"):  # fits 80 columns
+    for name in ("done", "sent", "recv.", "lost", "contacts"):  # fits 80 columns
         table.add_column(name, justify="right", no_wrap=True)
     contacts = simulation.world.contacts
     for robot, (pose, heard, counts) in enumerate(

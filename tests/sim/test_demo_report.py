@@ -48,7 +48,8 @@ def test_the_table_has_a_row_per_robot_and_one_for_the_fleet_within_80_columns()
     assert rows["0"] == ["2", "9.0", "100", "1.30", "0.30", "5.0", "600", "540", "60", "0"]
     assert rows["fleet"] == ["3", "13.5", "100", "1.30", "0.30", "5.0", "1200", "1080", "120", "0"]
     assert f"robot 1: {GOOD}" in lines
-    assert f"fleet: {GOOD}; 3 tasks completed, none done twice, no contacts" in " ".join(lines)
+    unwrapped = " ".join(console.file.getvalue().split())
+    assert f"fleet: {GOOD}; 3 tasks completed, none done twice, no contacts" in unwrapped
 
 
 def test_two_requests_for_one_task_lower_the_conflict_free_rate() -> None:
