@@ -25,7 +25,10 @@ NEVER = -(10**18)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """The latest sweep's returns in the base frame, and the pose (map frame) they were taken at."""
+    """The latest sweep's returns in the base frame, and the pose (map frame) they were taken at.
+
+    With them, points of earlier sweeps that the robot came too near to for the lidar to see them still.
+    """
 
     stamp_ns: int
     points: Points  # (n, 2) [m]

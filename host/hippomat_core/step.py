@@ -10,7 +10,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from hippomat_core.control.guard import scan_points
+import numpy as np
+
+from hippomat_core.control.guard import carried_along, hidden_points, is_whole, scan_points
+from hippomat_core.control.nav_state import STANDING
 from hippomat_core.control.navigator import forget_path
 from hippomat_core.fleet import state as fleet_state
 from hippomat_core.fleet.digest import fleet_digest
@@ -83,6 +86,9 @@ def _port_opened(state: State, event: PortOpened) -> Stepped:
 
 def _port_lost(state: State, event: PortLost) -> Stepped:
     state = _with_port(state, event.port, False)
+    if event.port == BASE:  # the motor guard stops it: whoever comes back starts from standing
+        standing = replace(state.navigator, drive=STANDING)
+        return replace(state, navigator=standing, outcome=None, held=False), ()
     return (replace(state, scan=None) if event.port == LIDAR else state), ()
 
 
@@ -100,8 +106,14 @@ def _base_feedback(state: State, event: BaseFeedback) -> Stepped:
 
 
 def _scan_received(state: State, event: ScanReceived) -> Stepped:
-    scan = Scan(event.stamp_ns, scan_points(event, state.config.lidar), state.pose)
-    return replace(state, scan=scan), ()
+    if not is_whole(event):
+        return state, ()
+    lidar, last = state.config.lidar, state.scan
+    points = scan_points(event, lidar)
+    if last is not None:
+        before = carried_along(last.points, last.pose, state.pose)
+        points = np.concatenate([hidden_points(before, lidar), points])
+    return replace(state, scan=Scan(event.stamp_ns, points, state.pose)), ()
 
 
 def _state_heard(state: State, event: StateHeard) -> Stepped:

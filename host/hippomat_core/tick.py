@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.allocation.quantise import quantise, saturated
-from hippomat_core.control.follower import Drive as Velocity
 from hippomat_core.control.follower import Motion
 from hippomat_core.control.guard import carried_along, guard
+from hippomat_core.control.nav_state import STANDING
 from hippomat_core.control.navigator import navigate
 from hippomat_core.fleet.inputs import Intent, OwnInputs
 from hippomat_core.fleet.rounds import end_round
@@ -50,6 +50,7 @@ from hippomat_core.wire.frames import (
 
 STARTUP_NS = 2_000_000_000  # devices come up one after the other: no alarm before
 RADIO_SILENT_NS = 3_000_000_000  # its status comes once a second
+BASE_SILENT_NS = 1_000_000_000  # its feedback comes every 40 ms; without it the pose stands still
 
 Stepped = tuple[State, tuple[Effect, ...]]
 
@@ -88,11 +89,12 @@ def _with_faults(state: State, now_ns: int, effects: list[Effect]) -> State:
 
 
 def _faults(state: State, now_ns: int) -> list[str]:
-    config = state.config
+    config, odometry = state.config, state.odometry
+    base_silent = odometry.last is None or now_ns - odometry.stamp_ns > BASE_SILENT_NS
     scan_ns = None if state.scan is None else now_ns - state.scan.stamp_ns
     holds = {
         "no_map": state.ground is None,
-        "base_lost": not state.ports[BASE],
+        "base_lost": not state.ports[BASE] or base_silent,
         "lidar_lost": not state.ports[LIDAR] or scan_ns is None or scan_ns > config.lidar.timeout_s * 1e9,
         "not_localized": not config.robot.start_known,
         "radio_lost": not state.ports[RADIO] or now_ns - state.radio_heard_ns > RADIO_SILENT_NS,
@@ -205,7 +207,7 @@ def _intent(state: State) -> Intent:
 
 def _drive(state: State, now_ns: int, allowed: Permissions, effects: list[Effect]) -> State:
     if not allowed.may_move or state.ground is None:
-        standing = replace(state.navigator, drive=Velocity(), stamp_ns=now_ns)
+        standing = replace(state.navigator, drive=STANDING, stamp_ns=now_ns)
         code = next((code for code, _ in state.faults if BY_CODE[code].stops), "no_map")
         effects.append(Drive(0.0, 0.0, f"stop:{code}"))
         return replace(state, navigator=standing, outcome=None, held=False)

@@ -49,6 +49,19 @@ def test_a_jump_of_the_counters_moves_nothing_and_is_counted():
     assert odometry.jumps == 1
 
 
+def test_a_base_that_restarts_near_where_it_began_does_not_turn_the_pose():
+    odometry = driven(Odometry(0.0, 0.0, 0.3), [(100, 50, 2000), (100, 50, 2000), (0, 0, 0), (0, 0, 20)])
+    assert odometry.jumps == 1
+    assert (odometry.x_m, odometry.y_m) == (0.0, 0.0)
+    assert math.isclose(odometry.yaw_rad, 0.32)
+
+
+def test_a_turn_while_frames_were_missing_is_no_jump():
+    odometry = driven(Odometry(0.0, 0.0, 0.0), [(0, 0, 0)])
+    odometry = moved(odometry, feedback(1_000_000_000, 0, 0, 1500))
+    assert (odometry.jumps, odometry.yaw_rad) == (0, 1.5)
+
+
 @given(
     st.lists(st.tuples(st.integers(-300, 300), st.integers(-300, 300), st.integers(-500, 500)), max_size=40)
 )

@@ -5,10 +5,15 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from fleet_world import FleetWorld
+from fleet_world import FleetWorld, full_sweep
 
 from hippomat_core.messages import (
+    BASE,
+    AlarmRaised,
+    BaseFeedback,
     Drive,
+    PortLost,
+    PortOpened,
     SendState,
     StateHeard,
     StopHeard,
@@ -90,3 +95,55 @@ def test_a_peer_that_runs_on_because_it_missed_the_stop_resumes_nobody(pair):
     stop_heard(pair, body, STOP, 2)
     row_heard(pair, body, stop_counter=1, flags=0)
     assert body.state.stop.latched
+
+
+# ---- base and lidar -----------------------------------------------------------------------------
+
+
+def test_a_base_that_sends_nothing_stops_the_robot_although_its_port_is_open(pair):
+    body = pair.bodies[0]
+    without(body, BaseFeedback)
+    silent_ns = pair.now_ns
+    pair.run(2.0)
+    late = said(body, Drive, silent_ns + 1_200_000_000)
+    assert late
+    assert all((drive.v_mps, drive.reason) == (0.0, "stop:base_lost") for drive in late)
+    assert "base_lost" in [alarm.code for alarm in said(body, AlarmRaised)]
+
+
+def test_a_base_that_comes_back_starts_from_standing(pair):
+    body = pair.bodies[0]
+    while said(body, Drive)[-1].v_mps < 0.15:
+        pair.tick()
+    body.take(PortLost(pair.now_ns + 10**6, BASE, "unplugged"))
+    body.v_mps = 0.0
+    pair.run(1.0)
+    back_ns = pair.now_ns
+    body.take(PortOpened(pair.now_ns + 10**6, BASE, "back"))
+    pair.run(0.1)
+    most_mps = body.state.config.limits.accel_mps2 * 0.2  # the longest step the follower reckons with
+    assert max(abs(drive.v_mps) for drive in said(body, Drive, back_ns)) <= most_mps / 2
+
+
+@pytest.mark.parametrize("seen", [slice(0, 0), slice(0, 1), slice(0, 300), slice(30, 350)])
+def test_a_sweep_with_a_hole_does_not_count_as_a_scan(pair, seen):
+    body = pair.bodies[0]
+    before = body.state.scan
+    whole = full_sweep(pair.now_ns + 10**7)
+    arrays = {name: getattr(whole, name)[seen] for name in ("quality", "angle_q6", "distance_q2")}
+    body.take(dataclasses.replace(whole, **arrays))
+    assert body.state.scan is before
+
+
+def test_what_the_lidar_is_too_near_to_see_is_remembered_while_the_robot_stays_near(pair):
+    body = pair.bodies[0]
+    body.take(full_sweep(pair.now_ns, 0.152))
+    odometry = body.state.odometry
+    ahead = dataclasses.replace(odometry, x_m=odometry.x_m + 0.01)
+    body.state = dataclasses.replace(body.state, odometry=ahead)
+    for k in range(3):
+        body.take(full_sweep(pair.now_ns + 1 + k))  # sees nothing at all
+        assert 0 < len(body.state.scan.points) < 360
+    body.state = dataclasses.replace(body.state, odometry=odometry)
+    body.take(full_sweep(pair.now_ns + 4))
+    assert len(body.state.scan.points) == 0

@@ -20,6 +20,9 @@ Points = NDArray[np.float64]  # (n, 2) [m], base frame: x forward, y left
 STEP_M = 0.01  # the swept corridor is looked at this finely
 CRAWL_MPS = 0.015  # slower than this is standing: the base's motors would only hum
 NEARER_M = 0.001  # a point counts as approached when it gets nearer by this much
+TURN_Q6 = 360 * 64
+HOLE_Q6 = 15 * 64  # samples are one or two degrees apart: a wider hole is damage
+HIDDEN_KEPT = 360
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +32,14 @@ class GuardedDrive:
     v_mps: float
     wz_radps: float
     limited: bool
+
+
+def is_whole(scan: ScanReceived) -> bool:
+    """True where the samples leave no hole: it would show free space where nobody looked."""
+    if not len(scan.angle_q6):
+        return False
+    angles = np.sort(scan.angle_q6.astype(np.int64) % TURN_Q6)
+    return int(np.diff(angles, append=angles[0] + TURN_Q6).max()) <= HOLE_Q6
 
 
 def scan_points(scan: ScanReceived, lidar: LidarConfig) -> Points:
@@ -58,6 +69,12 @@ def carried_along(
     shift_y = -math.sin(now[2]) * east_m + math.cos(now[2]) * north_m
     x, y = points[:, 0], points[:, 1]
     return np.stack([c * x - s * y + shift_x, s * x + c * y + shift_y], axis=1)
+
+
+def hidden_points(points: Points, lidar: LidarConfig) -> Points:
+    """Those of an earlier sweep's points (base frame, now) that are too near for the lidar to see."""
+    range_m = np.hypot(points[:, 0] - lidar.x_m, points[:, 1] - lidar.y_m)
+    return points[range_m < lidar.min_range_m][-HIDDEN_KEPT:]
 
 
 def guard(

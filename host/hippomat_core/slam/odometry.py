@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from hippomat_core.messages import BaseFeedback
 
 JUMP_M = 0.5  # more than this between two frames (40 ms): the base restarted its counters
+JUMP_RAD = 0.5  # the same of its heading, beyond what can be turned meanwhile
+FASTEST_RADPS = 10.0  # [limits] turn_radps goes no higher
 SPEED_WINDOW_NS = 100_000_000
 
 
@@ -39,7 +41,8 @@ def moved(odometry: Odometry, feedback: BaseFeedback) -> Odometry:
     east_m = _wrapped(raw[0] - odometry.last[0]) / 1000.0
     north_m = _wrapped(raw[1] - odometry.last[1]) / 1000.0
     turned_rad = math.remainder(_wrapped(raw[2] - odometry.last[2]) / 1000.0, math.tau)
-    if math.hypot(east_m, north_m) > JUMP_M:
+    turnable_rad = JUMP_RAD + FASTEST_RADPS * max(feedback.stamp_ns - odometry.stamp_ns, 0) / 1e9
+    if math.hypot(east_m, north_m) > JUMP_M or abs(turned_rad) > turnable_rad:
         return replace(odometry, last=raw, stamp_ns=feedback.stamp_ns, jumps=odometry.jumps + 1)
 
     # The base reports in its own odom frame: turn the step into the base frame, then into the map frame.

@@ -134,7 +134,7 @@ class TasksFrame:
 
 @dataclass(frozen=True, slots=True)
 class StopFrame:
-    """STOP and RESUME: the counter raised (from 1 on) or answered, its origin (255 = operator), a reason code."""
+    """STOP and RESUME: the counter raised (from 1) or answered, its origin (255 = operator), a reason."""
 
     counter: U16
     origin: U8
