@@ -161,16 +161,17 @@ def _gap(expected: int, found: int) -> str:
 
 def open_runs(paths: Sequence[Path]) -> list[Run]:
     """Group files into runs (one per robot and session), parts in order. Reads manifests only."""
-    groups: dict[tuple[str, str], list[tuple[int, Path, dict[str, str]]]] = {}
+    groups: dict[tuple[str, str], list[tuple[int, Path, dict[str, str], int]]] = {}
     store = reading_store()
     for path in dict.fromkeys(_expanded(paths)):
-        manifest = read_manifest(path, store)
+        manifest, messages = read_manifest(path, store)
         key = manifest.get("robot", ""), manifest.get("session_id", "")
-        groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, manifest))
+        groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, manifest, messages))
     runs = []
     for parts in groups.values():
         parts.sort(key=lambda part: part[0])
-        runs.append(Run(tuple(path for _, path, _ in parts), parts[0][2], store=store))
+        total = sum(messages for *_, messages in parts)
+        runs.append(Run(tuple(path for _, path, *_ in parts), parts[0][2], records=total, store=store))
     return sorted(runs, key=lambda run: (run.robot, run.manifest.get("started_ns", "")))
 
 
@@ -187,11 +188,10 @@ def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
             yield path
 
 
-def read_manifest(path: Path, store: MessageStore) -> dict[str, str]:
-    """Manifest of one part, after a check of every byte of the file and of its message definitions."""
+def read_manifest(path: Path, store: MessageStore) -> tuple[dict[str, str], int]:
+    """Manifest and number of records of a part, after a check of all its bytes and message definitions."""
     contents = Contents()
-    for _ in read_raw(path, contents):
-        pass
+    records = sum(raw.topic in CLASSES for raw in read_raw(path, contents))
     for channel in contents.channels.values():
         ours = channel.topic in CLASSES and store.schema_text(channel.type_name)
         if ours and ours != channel.definition:
@@ -199,7 +199,7 @@ def read_manifest(path: Path, store: MessageStore) -> dict[str, str]:
                 f"{path}: {channel.type_name} has other fields in this log, recorded by hippomat "
                 f"{contents.manifest.get('hippomat', '?')}: read it with that version"
             )
-    return contents.manifest
+    return contents.manifest, records
 
 
 def read_records(path: Path | str) -> Iterator[tuple[int, int, str, Any]]:

@@ -155,14 +155,16 @@ def _replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
 
 
 def _watch(futures: list[Future[RunReport]], runs: list[Run], queue: Any, bar: Progress) -> None:
-    rows = {str(run.paths[0]): bar.add_task(f"robot {run.robot}", total=run.records or None) for run in runs}
+    rows = {
+        str(run.paths[0]): bar.add_task(f"{run.name[:7]} start ", total=run.records or None) for run in runs
+    }
     pending: set[Future[RunReport]] = set(futures)
     while pending:
         _, pending = wait(pending, timeout=0.1)
         try:
             while True:
                 path, level, done = queue.get_nowait()
-                bar.update(rows[path], description=f"{Path(path).name[:8]} {level}", completed=done)
+                bar.update(rows[path], description=f"{Path(path).name[:7]} {level:6}", completed=done)
         except Empty:
             pass
 
