@@ -541,6 +541,48 @@ def test_a_new_map_drops_the_claim_and_begins_anew():
     assert not taken.round().has_claim
 
 
+def test_rows_from_before_a_new_map_count_for_nothing_until_their_senders_agree_on_it():
+    taken, outcome = requesting()
+    taken.hear(1, taken.row(air_claim(3), endorsed=tag_of(outcome)))
+    taken.fleet, effects = with_map(taken.fleet, taken.now_ns, SITES, 77)
+    assert [gone.what for gone in of(PeerClaimSeen, effects)] == ["gone"]
+    assert taken.fleet.alive_peers(taken.now_ns) == []
+    assert taken.fleet.peers[1].claim is None
+    decided = of(RoundDecided, taken.round().effects)[0]
+    assert not decided.row_available[1:].any()
+    (alarm,) = of(AlarmRaised, taken.hear(1, taken.row()))
+    assert alarm.code == "peer_digest"
+    taken.hear(2, taken.row(fleet_digest=77))
+    assert [peer.robot for peer in taken.fleet.alive_peers(taken.now_ns)] == [2]
+
+
+def test_what_was_refused_on_the_last_map_is_not_refused_on_a_new_one():
+    taken = seat()
+    taken.fleet = replace(taken.fleet, shunned=((0, 0, 10**12),))
+    taken.fleet, _ = with_map(taken.fleet, taken.now_ns, SITES, 77)
+    assert taken.fleet.shunned == ()
+
+
+def test_a_peer_that_changes_its_claim_in_every_row_does_not_fill_the_memory():
+    taken, _ = requesting()
+    slot = claimed_slot(taken)
+    for number in range(40):
+        taken.hear(1, taken.row(replace(air_claim(slot, cost=99), round=number)))
+        taken.round()
+    assert len(taken.fleet.own_claim.opposed) == 1
+
+
+def test_a_stale_claim_read_during_a_hold_up_gets_no_vote_when_the_hold_up_is_over():
+    taken = ready()
+    taken.now_ns += 2 * 10**9
+    taken.hear(2, taken.row(air_claim(3)))
+    taken.now_ns += ROUND // 2
+    outcome = taken.round()
+    assert outcome.state_frame.endorsed[2] == 0
+    taken.hear(2, taken.row(air_claim(3)))
+    assert taken.round().state_frame.endorsed[2] == 1
+
+
 def test_costs_for_another_number_of_tasks_are_refused():
     with pytest.raises(ValueError, match="needed"):
         seat().round(costs=(1, 2, 3))

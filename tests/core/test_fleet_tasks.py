@@ -15,7 +15,7 @@ from hippomat_core.config import FleetConfig
 from hippomat_core.errors import ConfigError, MapError
 from hippomat_core.fleet.sites import check_sites, slot_site, task_sites
 from hippomat_core.fleet.tasks import MAX_GENERATION, Tasks
-from hippomat_core.wire.frames import DONE, INACTIVE, WAITING, TasksFrame, TaskSlot
+from hippomat_core.wire.frames import CLAIMED, DONE, INACTIVE, WAITING, TasksFrame, TaskSlot
 
 OPEN = np.ones((80, 80), np.bool_)
 SITES = task_sites(OPEN, 0.05, -1.0, -2.0, 0.12)
@@ -101,12 +101,18 @@ def test_a_generation_never_wraps():
     assert (last.generations[0], last.states[0]) == (MAX_GENERATION, DONE)
 
 
+def test_a_task_that_somebody_calls_claimed_still_waits():
+    tasks = Tasks.start(CONFIG, SITES)
+    assert tasks.advanced(TaskSlot(2, 0, CLAIMED, 0, 0, 0), SITES, 1) is tasks
+    assert tasks.advanced(TaskSlot(2, 1, CLAIMED, 0, 0, 0), SITES, 1).slot(2).state == WAITING
+
+
 heard_slots = st.lists(
     st.builds(
         TaskSlot,
         st.integers(0, M),
         st.integers(0, 5),
-        st.sampled_from([WAITING, DONE]),
+        st.sampled_from([WAITING, CLAIMED, DONE]),
         *[st.integers(-9, 9)] * 3,
     ),
     max_size=5,

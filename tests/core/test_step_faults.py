@@ -5,19 +5,23 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from fleet_world import FleetWorld, full_sweep
+from fleet_world import FleetWorld, full_sweep, map_event, room
 
+from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.messages import (
     BASE,
     AlarmRaised,
     BaseFeedback,
+    ClaimChanged,
     Drive,
+    PathPlanned,
     PortLost,
     PortOpened,
     SendState,
     StateHeard,
     StopHeard,
 )
+from hippomat_core.step import initial_state, step
 from hippomat_core.wire.frames import FLAG_STOPPED, RESUME, STATE, STOP, Header, StopFrame
 
 
@@ -147,3 +151,34 @@ def test_what_the_lidar_is_too_near_to_see_is_remembered_while_the_robot_stays_n
     body.state = dataclasses.replace(body.state, odometry=odometry)
     body.take(full_sweep(pair.now_ns + 4))
     assert len(body.state.scan.points) == 0
+
+
+# ---- the map ------------------------------------------------------------------------------------
+
+
+def digest_of(source, **robot):
+    fleet = FleetConfig(task_slots=6, c_max_s=60.0, task_source=source)
+    config = Config(fleet=fleet, robot=RobotConfig(0, **robot))
+    return step(initial_state(config), map_event(room(), 0))[0].fleet.digest
+
+
+def test_robots_that_would_place_the_tasks_elsewhere_are_of_another_fleet():
+    assert digest_of("continuous", radius_m=0.12) != digest_of("continuous", radius_m=0.15)
+    assert digest_of("continuous", start_x_m=1.0) == digest_of("continuous", start_x_m=2.0)
+
+
+def test_where_orders_say_the_places_robots_of_two_sizes_may_work_together():
+    assert digest_of("orders", radius_m=0.12) == digest_of("orders", radius_m=0.15)
+
+
+def test_a_new_map_in_mid_run_lets_the_fleet_go_on_when_everyone_has_it(pair):
+    grid = room(4.0)
+    for body in pair.bodies:
+        body.take(map_event(grid, pair.now_ns + 10**7, epoch=2))
+    changed_ns = pair.now_ns
+    pair.run(10.0)
+    for body in pair.bodies:
+        requested = said(body, ClaimChanged, changed_ns)
+        assert [change.what for change in requested].count("requested") >= 1
+        assert not said(body, AlarmRaised, changed_ns + 10**9)
+        assert {path.map_epoch for path in said(body, PathPlanned, changed_ns + 10**8)} == {2}

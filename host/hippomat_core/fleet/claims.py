@@ -48,7 +48,7 @@ class OwnClaim:
     turned: bool = False  # on_claim: we turned the slot for this claim
     serving_ns: int | None = None  # at the goal and confirmed without interruption since
     refused_ns: int | None = None  # unconfirmed since, although a majority of the roster was heard
-    opposed: tuple[ClaimId, ...] = ()  # conflicts reported already
+    opposed: tuple[ClaimId, ...] = ()  # conflicts reported already, the last of each robot
 
     @property
     def destination_m(self) -> tuple[float, float, float]:

@@ -46,7 +46,8 @@ def judge(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> Step:
         cause = conflict_cause(claim, other)
         if other not in claim.opposed:
             effects.append(ConflictSeen(*other.task, other.robot, kept, cause))
-            claim = replace(claim, opposed=(*claim.opposed, other))
+            others = (known for known in claim.opposed if known.robot != other.robot)
+            claim = replace(claim, opposed=(*others, other))
         if not kept:
             fleet, ended = _ended(fleet, stamp_ns, "dropped", f"conflict: {cause}")
             return fleet, effects + ended

@@ -93,11 +93,12 @@ def _vote(fleet: FleetState, stamp_ns: int, _: OwnInputs) -> Step:
     newest = fleet.tasks.generations
     keeps_old = fleet.config.turnover == "on_claim"
     votes = rule_f.aged(fleet.votes, newest, keeps_old, stamp_ns, fleet.timing)
-    if fleet.in_step and not fleet.passive and stamp_ns >= fleet.trusted_from_ns:
+    if fleet.in_step and not fleet.passive:
+        after_ns = max(fleet.last_round_ns, fleet.trusted_from_ns - 1)
         fresh = [
             peer.claim
             for peer in fleet.peers
-            if peer is not None and peer.claim is not None and peer.stamp_ns > fleet.last_round_ns
+            if peer is not None and peer.claim is not None and peer.stamp_ns > after_ns
         ]
         own = fleet.own_claim.id if fleet.own_claim is not None else None
         votes = rule_f.cast(votes, fresh, newest, own, stamp_ns)

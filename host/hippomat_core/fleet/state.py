@@ -111,17 +111,22 @@ def started(fleet: FleetState, stamp_ns: int) -> FleetState:
 def with_map(fleet: FleetState, stamp_ns: int, sites: NDArray[np.int16], digest: int) -> Heard:
     """The map is known: open the task slots and begin to listen. A new map drops claim, votes and tasks.
 
+    Rows heard before count for nothing until their senders say the same digest.
     sites: (S, 3) from task_sites.  digest: from fleet_digest.  Raises ConfigError if sites are too few.
     """
     tasks = Tasks.start(fleet.config, sites)
     effects: list[Effect] = list(turned_effects(Tasks.empty(fleet.config), tasks, "start"))
     tag_free_ns = fleet.tag_free_ns
+    peers = tuple(None if peer is None else replace(peer, agrees=False) for peer in fleet.peers)
+    for before, after in zip(fleet.peers, peers, strict=True):
+        effects += [] if after is None else _claim_news(before, after)
     if fleet.own_claim is not None:
         effects.insert(0, fleet.own_claim.changed("dropped", "map changed"))
         tag_free_ns = (stamp_ns + fleet.timing.tag_reuse_ns,) * TAGS
     fleet = replace(
         fleet,
         tasks=tasks,
+        peers=peers,
         sites=sites,
         digest=digest,
         silent_from_ns=stamp_ns,
@@ -129,6 +134,7 @@ def with_map(fleet: FleetState, stamp_ns: int, sites: NDArray[np.int16], digest:
         votes=(),
         own_claim=None,
         tag_free_ns=tag_free_ns,
+        shunned=(),
         sent=None,
         sent_generations=None,
     )
@@ -256,7 +262,8 @@ def _digest_alarm(fleet: FleetState, peer: Peer) -> Heard:
         return replace(fleet, mismatched=rest), cleared
     text = (
         f"robot {peer.robot} has fleet digest {peer.frame.fleet_digest:08x}, robot {fleet.robot} has "
-        f"{fleet.digest:08x}: not allocated with each other until map and [fleet] settings are the same"
+        f"{fleet.digest:08x}: not allocated with each other until map, [fleet], radius_m, inflation_radius and "
+        "speed_mps are the same"
     )
     alarm = AlarmRaised(WARNING, "peer_digest", text)
     return replace(fleet, mismatched=fleet.mismatched | {peer.robot}), [alarm]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from hippomat_core.config import FleetConfig
 from hippomat_core.fleet.sites import check_sites, slot_site
 from hippomat_core.messages import TaskTurned
-from hippomat_core.wire.frames import DONE, INACTIVE, WAITING, TasksFrame, TaskSlot
+from hippomat_core.wire.frames import CLAIMED, DONE, INACTIVE, WAITING, TasksFrame, TaskSlot
 
 MAX_GENERATION = 65535
 SLOTS_PER_FRAME = 22
@@ -95,10 +95,11 @@ class Tasks:
     def advanced(self, heard: TaskSlot, sites: NDArray[np.int16], stamp_ns: int) -> Tasks:
         """With one slot as a peer knows it, if that is newer (larger generation, then larger state)."""
         known = int(self.generations[heard.slot]), int(self.states[heard.slot])
-        if (heard.generation, heard.state) <= known:
+        state = WAITING if heard.state == CLAIMED else heard.state  # who claims it is in the rows
+        if (heard.generation, state) <= known:
             return self
         place = (heard.x_cm, heard.y_cm, heard.z_cm)
-        return self._set(heard.slot, heard.generation, heard.state, place, sites, stamp_ns)
+        return self._set(heard.slot, heard.generation, state, place, sites, stamp_ns)
 
     def _set(
         self,
