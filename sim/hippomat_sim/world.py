@@ -72,7 +72,8 @@ class World:
         self._body = body
         self._last_touch_s: dict[tuple[int, int], float] = {}
         pybullet.setTimeStep(SUBSTEP_S, physicsClientId=self._client)
-        pybullet.setPhysicsEngineParameter(contactSlop=0.0, physicsClientId=self._client)
+        # Bodies that are squeezed into each other come apart within a substep or two, not ten.
+        pybullet.setPhysicsEngineParameter(contactSlop=0.0, contactERP=0.9, physicsClientId=self._client)
         boxes = wall_boxes(grid)
         extent = boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0) if len(boxes) else np.full(2, np.inf)
         self.extent_m = float(np.hypot(*extent)) + 1.0  # no ray needs to be longer: Bullet's cost by length
