@@ -91,7 +91,7 @@ esp_err_t hal_espnow_start(QueueHandle_t events, uint8_t channel) {
     TRY(esp_wifi_set_mode(WIFI_MODE_STA));
     TRY(esp_wifi_start());
     TRY(esp_wifi_set_ps(WIFI_PS_NONE));
-    TRY(hal_espnow_set_channel(channel));
+    hal_espnow_set_channel(channel); /* says so if it cannot; a boot loop would help nobody */
     TRY(start_espnow());
     return ESP_OK;
 }

@@ -70,10 +70,14 @@ static void keep_identity(rc_identity *stored) {
     rc_identity current = rc_identity_of(&radio);
     if (memcmp(&current, stored, sizeof current) == 0)
         return;
-    if (current.channel != stored->channel && hal_espnow_set_channel(current.channel) != ESP_OK)
+    bool tuned = current.channel == stored->channel || hal_espnow_set_channel(current.channel) == ESP_OK;
+    if (!tuned) {
         ESP_LOGE(TAG, "channel %u is not available here", current.channel);
+        current.channel = stored->channel;
+        radio.config.identity = current; /* so that the status names the channel in use */
+    }
     /* A listener follows its host; only a robot's identity outlives a reboot. */
-    if (current.robot != RC_NO_ROBOT && hal_nvs_store_identity(current) != ESP_OK)
+    if (tuned && current.robot != RC_NO_ROBOT && hal_nvs_store_identity(current) != ESP_OK)
         ESP_LOGE(TAG, "identity not stored: the host will name it again after a reboot");
     *stored = current;
 }

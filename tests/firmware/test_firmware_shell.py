@@ -52,6 +52,19 @@ def test_the_native_suite_passes_with_a_stand_in_for_unity(tmp_path):
     assert (result.returncode, result.stdout.count("passed test_")) == (0, 3)
 
 
+def test_a_channel_that_the_region_forbids_is_neither_stored_nor_keeps_the_radio_from_starting(tmp_path):
+    """A stored one would end in a boot loop that only erasing the flash could break."""
+    program = tmp_path / "channel"
+    includes = ("-I", HERE / "idf_stubs", "-I", CORE, "-I", FIRMWARE / "src")
+    built = gcc(
+        *STRICT, "-DIDF_MINOR=5", *includes, HERE / "shell_channel.c", *CORE.glob("*.c"), "-o", program
+    )
+    assert built.returncode == 0, built.stderr
+    result = subprocess.run([str(program)], capture_output=True, text=True, check=True)
+    told = [line for line in result.stdout.splitlines() if line.startswith(("stored", "started"))]
+    assert told == ["stored 1", "stored 1", "started 1"]
+
+
 def test_platformio_pins_the_platform_and_the_signature_check():
     config = configparser.ConfigParser()
     config.read(FIRMWARE / "platformio.ini")
