@@ -17,20 +17,25 @@ from hippomat_core.messages import (
     RADIO,
     AlarmCleared,
     AlarmRaised,
+    ClaimChanged,
     Drive,
     PathPlanned,
     PortLost,
     PortOpened,
+    RadioStatus,
     RoundDecided,
     ScanReceived,
     SendState,
     Started,
     StateHeard,
     StopHeard,
+    TasksHeard,
     Tick,
 )
 from hippomat_core.step import initial_state, step
 from hippomat_core.wire.frames import FLAG_STOPPED, RESUME, STATE, STOP, Header, StopFrame
+
+FROM_RADIO = (StateHeard, TasksHeard, RadioStatus)
 
 
 def of_kind(body, kind, since_ns=0):
@@ -153,18 +158,42 @@ def test_a_lost_base_drops_the_claim_at_once_and_sends_no_command():
     assert "base_lost" in codes(body, AlarmCleared)
 
 
-def test_a_lost_radio_lets_the_robot_drive_on_but_ask_for_nothing_new():
+def test_a_robot_whose_radio_is_lost_drives_on_and_waits_at_the_task_for_its_confirmation():
     world = FleetWorld(3)
     world.run(6.0)
     body = world.bodies[0]
     claim = body.state.fleet.own_claim
     assert claim is not None
-    body.take(PortLost(world.now_ns + 10**6, RADIO, "unplugged"))
+    cut_off(world, body)
     lost_ns = world.now_ns
-    world.run(1.0)
+    world.run(25.0)
     assert any(d.v_mps > 0 for d in of_kind(body, Drive, lost_ns))
     assert "radio_lost" in codes(body)
-    assert not [c for c in body.claims("requested") if c.round > claim.id.round]
+    assert body.state.outcome.arrived
+    assert body.state.fleet.own_claim.id == claim.id
+    assert [c.what for c in of_kind(body, ClaimChanged, lost_ns)] == ["unconfirmed"]
+
+
+def test_a_robot_whose_radio_is_lost_asks_for_nothing_new():
+    world = FleetWorld(3)
+    world.run(3.2)
+    body, other = world.bodies[:2]
+    assert not body.claims("requested")
+    cut_off(world, body)
+    world.run(4.0)
+    assert other.claims("requested")
+    assert not body.claims("requested")
+    assert of_kind(body, RoundDecided)[-1].reason == "radio_lost"
+    body.take = type(body).take.__get__(body)
+    body.take(PortOpened(world.now_ns + 10**6, RADIO, "back"))
+    world.run(2.0)
+    assert body.claims("requested")
+
+
+def cut_off(world, body):
+    """The robot's radio is unplugged; what the others send is lost on it."""
+    body.take(PortLost(world.now_ns + 10**6, RADIO, "unplugged"))
+    body.take = lambda event, take=body.take: () if isinstance(event, FROM_RADIO) else take(event)
 
 
 def test_stop_latches_until_its_counter_is_resumed():
