@@ -1,6 +1,8 @@
 """What a robot does when it loses something: the reaction table of the design, one row per fault.
 
-Decides from conditions and their age only; which condition holds is observed elsewhere (step.py).
+Decides from conditions and their age only; which condition holds is observed elsewhere (tick.py). Two rows
+of the design's table are not here: a low battery, which nothing on this robot measures, and a full log
+disk, which the recorder answers by itself.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ REACTIONS: tuple[Reaction, ...] = (
     Reaction("no_map", ERROR, "no map was loaded: give --map map.yaml", True, True, True, 0.0),
     Reaction("base_lost", ERROR, "the base does not answer: no commands are sent", True, True, True, 0.0),
     Reaction(
-        "lidar_lost", ERROR, "no scan for longer than lidar.timeout_s: standing still", True, True, True, 10.0
+        "lidar_lost", ERROR, "no whole scan for lidar.timeout_s: standing still", True, True, True, 10.0
     ),
     Reaction("not_localized", ERROR, "the pose is not known: give --start x,y,yaw", True, True, True, 10.0),
     Reaction(

@@ -213,7 +213,7 @@ def _drive(state: State, now_ns: int, allowed: Permissions, effects: list[Effect
         return replace(state, navigator=standing, outcome=None, held=False)
     odometry, claim = state.odometry, state.fleet.own_claim
     motion = Motion(*state.pose, odometry.v_mps, odometry.wz_radps)
-    peers = _peers(state, now_ns)
+    peers = peers_in_the_way(state, now_ns)
     navigator, outcome = navigate(
         state.navigator,
         now_ns,
@@ -234,11 +234,12 @@ def _drive(state: State, now_ns: int, allowed: Permissions, effects: list[Effect
     return replace(state, navigator=navigator, outcome=outcome, held=safe.limited)
 
 
-def _peers(state: State, now_ns: int) -> list[PeerMotion]:
+def peers_in_the_way(state: State, now_ns: int) -> list[PeerMotion]:
+    """Every peer that knows where it is, of whatever digest; the others are left to the scan."""
     return [
         peer_motion(peer.robot, peer.frame, (now_ns - peer.stamp_ns) / 1e9)
         for peer in state.fleet.peers
-        if peer is not None
+        if peer is not None and peer.frame.flags & FLAG_LOCALIZED
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import pytest
 from fleet_world import FleetWorld, full_sweep, map_event, room
@@ -22,6 +23,7 @@ from hippomat_core.messages import (
     StopHeard,
 )
 from hippomat_core.step import initial_state, step
+from hippomat_core.tick import peers_in_the_way
 from hippomat_core.wire.frames import FLAG_STOPPED, RESUME, STATE, STOP, Header, StopFrame
 
 
@@ -151,6 +153,22 @@ def test_what_the_lidar_is_too_near_to_see_is_remembered_while_the_robot_stays_n
     body.state = dataclasses.replace(body.state, odometry=odometry)
     body.take(full_sweep(pair.now_ns + 4))
     assert len(body.state.scan.points) == 0
+
+
+def test_a_peer_that_does_not_know_where_it_is_stands_in_nobodys_way(pair):
+    body = pair.bodies[0]
+    x_m, y_m, yaw_rad = body.state.pose
+    ahead = {"x_cm": round(100 * (x_m + 0.26 * math.cos(yaw_rad))), "speed_2cmps": 0}
+    ahead["y_cm"] = round(100 * (y_m + 0.26 * math.sin(yaw_rad)))
+    row_heard(pair, body, **ahead)
+    assert [peer.x_m for peer in body_peers(pair, body)] == [ahead["x_cm"] / 100]
+    row_heard(pair, body, **ahead, flags=0)
+    assert not body_peers(pair, body)
+
+
+def body_peers(world, body):
+    """The peers that the body's motion reckons with."""
+    return peers_in_the_way(body.state, world.now_ns + 2 * 10**7)
 
 
 # ---- the map ------------------------------------------------------------------------------------
