@@ -6,10 +6,11 @@ import glob
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rich.console import Console
 from rich.table import Table
+from serial.tools.list_ports import comports
 
 from hippomat_core.config import FleetConfig
 from hippomat_core.errors import PortError
@@ -20,9 +21,8 @@ from hippomat_host.identify import UNKNOWN
 from hippomat_host.probe import probe
 from hippomat_host.serial_port import BusyPort, present_ports
 
-_LISTENER = Hello(
-    LINK_VERSION, NO_ROBOT, FleetConfig().id, FleetConfig().channel
-)  # a radio without an id stays without one
+# A radio without an id stays without one.
+_LISTENER = Hello(LINK_VERSION, NO_ROBOT, FleetConfig().id, FleetConfig().channel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +34,7 @@ class Found:
     text: str
     flag: str
     names: tuple[str, ...]
+    usb: str = ""  # vendor, product and serial number: what a udev rule for /dev/hippomat-* matches
 
 
 def list_ports(paths: Sequence[str]) -> int:
@@ -45,12 +46,14 @@ def list_ports(paths: Sequence[str]) -> int:
         )
     with ThreadPoolExecutor(max_workers=len(devices)) as pool:
         rows = list(pool.map(_found, devices))
+    usb = {os.path.realpath(port.device): port.usb_info() for port in comports() if port.vid is not None}
+    rows = [replace(row, usb=usb.get(os.path.realpath(row.path), "")) for row in rows]
     table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0))
     for name in ("port", "what", "use as", "details"):
         table.add_column(name, overflow="fold")
     for row in rows:
         also = "".join(f"\nalso called {name}" for name in row.names)
-        table.add_row(row.path, row.what, row.flag, row.text + also)
+        table.add_row(row.path, row.what, row.flag, "\n".join(filter(None, (row.text, row.usb))) + also)
     Console(highlight=False, markup=False).print(table)
     return 0
 
