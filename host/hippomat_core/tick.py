@@ -48,7 +48,7 @@ from hippomat_core.wire.frames import (
     LOST,
 )
 
-STARTUP_NS = 2_000_000_000  # devices come up one after the other: no alarm before
+STARTUP_NS = 4_000_000_000  # devices come up one after the other: no alarm before
 RADIO_SILENT_NS = 3_000_000_000  # its status comes once a second
 BASE_SILENT_NS = 1_000_000_000  # its feedback comes every 40 ms; without it the pose stands still
 

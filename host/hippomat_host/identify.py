@@ -112,5 +112,6 @@ def _radio_identity(payload: bytes) -> Identity | None:
     if not isinstance(reply, HelloReply):
         return None
     who = "no robot id yet" if reply.robot == 255 else f"robot {reply.robot}"
-    text = f"{reply.firmware} {reply.git_hash}, {who}, fleet {reply.fleet}, MAC {reply.mac.hex(':')}"
+    version = f"{reply.firmware} {reply.git_hash}".strip()
+    text = f"{version}, {who}, fleet {reply.fleet}, MAC {reply.mac.hex(':')}"
     return Identity(RADIO, text, reply)
