@@ -7,14 +7,11 @@ guard on what it has heard; the lidar sees walls and robots. Seeded; equal seed,
 from __future__ import annotations
 
 import math
-import os
 from collections import defaultdict
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 
 from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.control.follower import Motion
@@ -278,12 +275,3 @@ def _clearance_lattice(grid: OccupancyGrid) -> np.ndarray:
     return cv2.distanceTransform(1 - fine, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * (grid.resolution_m / 4) - (
         grid.resolution_m / 8
     )
-
-
-def data_folder() -> Path:
-    """Folder of the real data; skips the test where it is absent."""
-    repository = Path(__file__).resolve().parents[2]
-    folder = Path(os.environ.get("HIPPOMAT_DATA", repository.parent / "shared" / "data"))
-    if not folder.is_dir():
-        pytest.skip(f"real data not found at {folder}; set HIPPOMAT_DATA")
-    return folder

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_world import TICK_S, Radio, World, data_folder
+from motion_world import TICK_S, Radio, World
+from recorded_data import data_folder
 
 from hippomat_core.config import Config, RobotConfig
 from hippomat_core.control.follower import Motion

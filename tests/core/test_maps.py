@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
-from motion_world import data_folder
+from recorded_data import data_folder
 
 from hippomat_core.errors import MapError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid

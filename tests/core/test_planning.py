@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from motion_world import data_folder
+from recorded_data import data_folder
 
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.planning.astar import path_length_m, shortest_path

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
+from sim_rooms import box_room
 
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-
-sys.path.insert(0, str(Path(__file__).parent))  # --import-mode=importlib leaves it out
-
-from sim_rooms import box_room
 
 
 @pytest.fixture
@@ -24,13 +18,3 @@ def room() -> OccupancyGrid:
 @pytest.fixture
 def make_room() -> Callable[..., OccupancyGrid]:
     return box_room
-
-
-@pytest.fixture
-def data_directory() -> Path:
-    """Recorded data that does not live in the repository; skips where it is absent."""
-    beside = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
-    path = Path(os.environ.get("HIPPOMAT_DATA", beside)).resolve()
-    if not (path / "ros_maps").is_dir():
-        pytest.skip(f"no recorded data in {path} (set HIPPOMAT_DATA)")
-    return path

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from recorded_data import data_folder
 from sim_rooms import box_room
 
 from hippomat_core.config import LidarConfig
@@ -168,6 +168,6 @@ def test_poses_between_turn_the_short_way() -> None:
     assert middle[1, 0, 2] == pytest.approx(2 * math.pi - 3.1)
 
 
-def test_the_turtlebot3_world_becomes_few_boxes(data_directory: Path) -> None:
-    grid = load_map(data_directory / "ros_maps" / "turtlebot3_world.yaml")
+def test_the_turtlebot3_world_becomes_few_boxes() -> None:
+    grid = load_map(data_folder() / "ros_maps" / "turtlebot3_world.yaml")
     assert len(wall_boxes(grid)) < 300  # 795 occupied cells
