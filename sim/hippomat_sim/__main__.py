@@ -2,6 +2,6 @@
 
 import sys
 
-from hippomat_sim.cli import main
+from hippomat_sim.entry import main
 
 sys.exit(main())
