@@ -22,6 +22,7 @@ from hippomat_core.messages import (
     BASE,
     INFO,
     LIDAR,
+    PORT_NAMES,
     RADIO,
     WARNING,
     AlarmRaised,
@@ -49,6 +50,8 @@ from hippomat_core.tick import tick
 from hippomat_core.wire.frames import STOP
 
 __all__ = ["State", "initial_state", "step"]
+
+JOINING_BYTES = 64  # a device that is sending already is joined in the middle of a frame
 
 Effects = tuple[Effect, ...]
 Stepped = tuple[State, Effects]
@@ -153,11 +156,11 @@ def _radio_status(state: State, event: RadioStatus) -> Stepped:
 
 
 def _link_noise(state: State, event: LinkNoise) -> Stepped:
-    if "noise" in state.alarms:
+    joined = event.skipped_bytes <= JOINING_BYTES and event.bad_checksums <= 1
+    if "noise" in state.alarms or joined:
         return state, ()
-    text = (
-        f"port {event.port}: {event.skipped_bytes} bytes were no frame, {event.bad_checksums} bad checksums"
-    )
+    name = PORT_NAMES[event.port]
+    text = f"{name}: {event.skipped_bytes} bytes were no frame, {event.bad_checksums} bad checksums"
     alarm = AlarmRaised(INFO, "noise", text)
     return replace(state, alarms=state.alarms | {"noise"}), (alarm,)
 

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from hippomat_core.config import Config
+from hippomat_core.config import Config, RobotConfig
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import BASE, LIDAR, RADIO
@@ -37,6 +37,8 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
     """The daemon from start to exit code; raises HippomatError for what the user can put right."""
     policy = _policy(config)
     grid = load_map(given.map) if given.map else None
+    if grid is not None and config.robot.start_known:
+        _check_start(config.robot, grid)
     if config.log.enabled and lockstep is None:
         for line in recover_directory(config.log.directory):
             print(f"earlier log {line}", flush=True)
@@ -48,6 +50,21 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
         raise
     except Exception as fault:  # the motors have been stopped by now
         raise as_error(fault, config) from None
+
+
+def _check_start(robot: RobotConfig, grid: OccupancyGrid) -> None:
+    """A robot that is not where it says plans through walls: the likeliest first mistake, so said at once."""
+    ix, iy = grid.cell_of(robot.start_x_m, robot.start_y_m)
+    start = f"--start {robot.start_x_m:g},{robot.start_y_m:g}"
+    if not grid.holds(ix, iy):
+        east_m = grid.origin_x_m + grid.width * grid.resolution_m
+        north_m = grid.origin_y_m + grid.height * grid.resolution_m
+        raise ConfigError(
+            f"{start} is outside the map (x {grid.origin_x_m:g} .. {east_m:g}, "
+            f"y {grid.origin_y_m:g} .. {north_m:g}): give metres in the map's frame"
+        )
+    if grid.cells[iy, ix] != 0:
+        raise ConfigError(f"{start} is not a free place of the map: give metres in the map's frame")
 
 
 @contextlib.contextmanager

@@ -37,9 +37,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         console.print(f"error: {error}", style="red", markup=False)
         return error.exit_code
     except OSError as error:
-        console.print(f"error: {error.filename or ''}: {error.strerror or error}", style="red", markup=False)
+        print(f"error: {error.filename or 'output'}: {error.strerror or error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, BufferError):  # the second where the first strikes inside a memory map
+        print("hippomat-logs: interrupted", file=sys.stderr)
         return 1
 
 

@@ -6,11 +6,13 @@ Decides what is printed and the exit code: 0 reproduced, 1 tool or usage error, 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import multiprocessing
 import os
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from pathlib import Path
 from queue import Empty
@@ -62,6 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say_error(error, options.json, console)
         return error.exit_code
     except KeyboardInterrupt:
+        print("hippomat-replay: interrupted", file=sys.stderr)
+        return TOOL_ERROR
+    except OSError as error:
+        print(f"hippomat-replay: {error}", file=sys.stderr)
         return TOOL_ERROR
     if options.json:
         print(json.dumps([report.as_json() for report in reports], indent=2, default=str))
@@ -90,7 +96,6 @@ def parser() -> Parser:
     made.add_argument(
         "--serve", action="store_true", help="only offer the recorded ports to a daemon of yours"
     )
-    made.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help=argparse.SUPPRESS)
     return made
 
 
@@ -149,9 +154,24 @@ def _replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
         disable=not sys.stderr.isatty(),
     )
     with bar, ProcessPoolExecutor(workers, context, _start_worker, (queue,)) as pool:
-        futures = [pool.submit(_replay_in_worker, run.paths, options) for run in runs]
-        _watch(futures, runs, queue, bar)
+        with _interrupts_ignored():  # by the workers too, who inherit it: Ctrl-C is this process's affair
+            futures = [pool.submit(_replay_in_worker, run.paths, options) for run in runs]
+        try:
+            _watch(futures, runs, queue, bar)
+        except KeyboardInterrupt:
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            raise
         return [future.result() for future in futures]
+
+
+@contextlib.contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _watch(futures: list[Future[RunReport]], runs: list[Run], queue: Any, bar: Progress) -> None:

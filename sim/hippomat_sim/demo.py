@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Sequence
 
@@ -23,7 +24,11 @@ REPRODUCED, FAILED, RUN_FAILED = 0, 1, 2
 def run_demo(settings: RunSettings, console: Console) -> int:
     """Run, replay, report; returns the exit code."""
     _say(console, f"{_about(settings)} on {settings.map_yaml.stem}; everything goes to {settings.out}")
-    result = FleetRun(settings, view_for(console)).execute()
+    run = FleetRun(settings, view_for(console))
+    result = run.execute()
+    if run.interrupted:
+        _say(console, f"interrupted: what was recorded so far is in {result.out / 'logs'}")
+        return FAILED
     logs = log_files(result.logs)
     began_s = time.monotonic()
     _say(console, f"replaying {len(logs)} logs: bytes, decisions, the real daemon, motion ...")
@@ -34,7 +39,10 @@ def run_demo(settings: RunSettings, console: Console) -> int:
     draw(_picture(result, completions(logs), settings), picture)
     show(report, console)
     _say(console, f"picture: {picture}")
-    _say(console, f"logs:    {result.out / 'logs'}  (again: hippomat-replay {result.out}/logs/robot*)")
+    _say(
+        console,
+        f"logs:    {result.out / 'logs'}  (again: hippomat-replay {shlex.quote(str(result.out / 'logs'))})",
+    )
     return exit_code(report)
 
 

@@ -21,3 +21,9 @@ def main() -> int:
             file=sys.stderr,
         )
         return 1
+    except KeyboardInterrupt:
+        print("hippomat-sim: interrupted", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"hippomat-sim: {error}", file=sys.stderr)
+        return 1

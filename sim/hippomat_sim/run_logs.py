@@ -12,6 +12,7 @@ from pathlib import Path
 from hippomat_core.errors import HippomatError
 from hippomat_core.messages import ClaimChanged
 from hippomat_logs.reader import open_runs, read_raw
+from hippomat_logs.recovery import recover_directory
 from hippomat_logs.schema import TOPICS
 from hippomat_logs.walk import Contents
 
@@ -38,13 +39,12 @@ class Verdict:
 
 
 def log_files(directories: Sequence[Path]) -> list[Path]:
-    """All finished logs; names the robot that has none."""
-    files: list[Path] = []
+    """All logs, those of killed daemons recovered first; HippomatError where no robot has left any."""
     for directory in directories:
-        found = sorted(directory.rglob("*.mcap"))
-        if not found:
-            raise HippomatError(f"{directory} holds no finished log; see the daemon's .err file beside it")
-        files += found
+        recover_directory(directory)
+    files = [path for directory in directories for path in sorted(directory.rglob("*.mcap"))]
+    if not files:
+        raise HippomatError(f"no robot left a log in {directories[0].parent}; see the daemons' .err files")
     return files
 
 

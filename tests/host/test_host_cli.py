@@ -5,9 +5,13 @@ from __future__ import annotations
 import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 from host_devices import Base, Lidar, Radio, Silent, plugged, wait_until
 from host_process import hippomat_host, robot_in, write_room
+
+from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_logs.map_files import save_map
 
 
 def refused(*arguments: object, cwd: Path | None = None) -> str:
@@ -148,3 +152,15 @@ def test_a_log_directory_that_cannot_be_written_is_named(tmp_path: Path) -> None
         line = refused("--port", radio.link, "--log", tmp_path / "file")
     assert "file" in line
     assert "--no-log" in line
+
+
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [("100,0,0", "--start 100,0 is outside the map"), ("-2.98,0,0", "is not a free place of the map")],
+)
+def test_a_start_that_cannot_be_is_refused_at_once(tmp_path: Path, start: str, said: str) -> None:
+    grid = np.zeros((60, 120), np.int8)
+    grid[:, 0] = 100
+    save_map(OccupancyGrid(grid, 0.05, -3.0, -1.5), tmp_path / "room.yaml")
+    where = ["--port", tmp_path / "none", "--map", tmp_path / "room.yaml", "--robot", 0, f"--start={start}"]
+    assert said in refused(*where, "--no-log")

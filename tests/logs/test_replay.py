@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -257,3 +261,15 @@ def test_the_configuration_survives_as_toml() -> None:
     config = config_from_dict({"fleet": {"policy": 'a "b"\\c'}, "robot": {"id": 3, "start_x_m": -1e-7}})
     assert parse_config(to_toml(config)) == config
     assert parse_config(to_toml(Config())) == Config()
+
+
+def test_ctrl_c_ends_a_replay_with_one_line_and_leaves_nobody_behind(log: Path) -> None:
+    command = [sys.executable, "-m", "hippomat_logs.replay_cli", str(log)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    time.sleep(4.0)
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=20)
+    assert process.returncode in (0, 1)
+    assert "Traceback" not in said
+    assert process.returncode == 0 or "hippomat-replay: interrupted" in said
