@@ -1,0 +1,30 @@
+"""`hippomat-replay` and `hippomat-logs`, before anything heavy is loaded: Ctrl-C is one line from the start."""
+
+from __future__ import annotations
+
+import sys
+
+
+def replay() -> int:
+    """hippomat-replay's exit code."""
+    try:
+        from hippomat_logs.replay_cli import main
+
+        return main()
+    except KeyboardInterrupt:
+        return _interrupted("hippomat-replay")
+
+
+def logs() -> int:
+    """hippomat-logs' exit code."""
+    try:
+        from hippomat_logs.cli import main
+
+        return main()
+    except KeyboardInterrupt:
+        return _interrupted("hippomat-logs")
+
+
+def _interrupted(name: str) -> int:
+    print(f"{name}: interrupted", file=sys.stderr)
+    return 1
