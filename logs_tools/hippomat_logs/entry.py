@@ -1,4 +1,4 @@
-"""`hippomat-replay` and `hippomat-logs` before anything heavy is loaded: Ctrl-C is one line from the start."""
+"""`hippomat-replay` and `hippomat-logs` before anything heavy is loaded: Ctrl-C is always one line."""
 
 from __future__ import annotations
 
