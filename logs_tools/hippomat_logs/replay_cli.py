@@ -154,9 +154,9 @@ def _replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
         disable=not sys.stderr.isatty(),
     )
     with bar, ProcessPoolExecutor(workers, context, _start_worker, (queue,)) as pool:
-        with _interrupts_ignored():  # by the workers too, who inherit it: Ctrl-C is this process's affair
-            futures = [pool.submit(_replay_in_worker, run.paths, options) for run in runs]
         try:
+            with _interrupts_held():  # workers inherit it: Ctrl-C is this process's affair
+                futures = [pool.submit(_replay_in_worker, run.paths, options) for run in runs]
             _watch(futures, runs, queue, bar)
         except KeyboardInterrupt:
             for worker in multiprocessing.active_children():
@@ -166,12 +166,13 @@ def _replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
 
 
 @contextlib.contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _interrupts_held() -> Iterator[None]:
+    """Ctrl-C arrives when this ends; never in a process started meanwhile."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _watch(futures: list[Future[RunReport]], runs: list[Run], queue: Any, bar: Progress) -> None:
