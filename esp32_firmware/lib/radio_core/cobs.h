@@ -11,7 +11,7 @@
 
 /* cdef: begin */
 enum {
-    RC_LINK_MAX_PAYLOAD = 260,                     /* a heard air frame with its time and RSSI */
+    RC_LINK_MAX_PAYLOAD = 260,                     /* a heard frame with its times and RSSI */
     RC_LINK_MAX_STUFFED = RC_LINK_MAX_PAYLOAD + 6, /* CRC, one code byte per 254; without the 0x00 */
     RC_LINK_MAX_ENCODED = RC_LINK_MAX_STUFFED + 1
 };

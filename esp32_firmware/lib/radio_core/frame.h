@@ -14,12 +14,14 @@
 
 /* cdef: begin */
 enum {
-    RC_PROTOCOL_VERSION = 1,
+    RC_PROTOCOL_VERSION = 2,
     RC_MAX_FRAME = 250, /* ESP-NOW v1 drops or truncates longer ones */
     RC_HEADER_BYTES = 16,
     RC_TAG_BYTES = 8, /* AES-128-CCM: kept free, absent while the fleet is OPEN */
+    RC_SEALED = 8,    /* bit of byte 0: the body is encrypted and a tag follows it */
     RC_MAX_BODY = RC_MAX_FRAME - RC_HEADER_BYTES - RC_TAG_BYTES,
     RC_MAX_ROBOTS = 64,
+    RC_OPERATOR = 255, /* sender of an operator's radio: TASKS, STOP and RESUME only */
     RC_MAX_TASK_SLOTS = 80,
     RC_NO_SLOT = 255,
     RC_MAX_STATUS = 5,
@@ -27,8 +29,8 @@ enum {
     RC_MAX_TAG = 3,
     RC_MAX_INTENT_STEPS = 12,
     RC_MAX_MOVE = 26,
-    RC_RELAY_ROW_BYTES = 15, /* without the costs */
-    RC_MAX_RELAY_ROWS = 14,  /* at M = 1 */
+    RC_RELAY_ROW_BYTES = 14, /* without the costs */
+    RC_MAX_RELAY_ROWS = 14,  /* at M = 1 and N <= 8 */
     RC_TASK_ROW_BYTES = 10,
     RC_MAX_TASK_ROWS = 22,
     RC_STATE_FIXED_BYTES = 50,
@@ -39,8 +41,9 @@ enum { RC_STATE = 1, RC_RELAY = 2, RC_TASKS = 3, RC_STOP = 4, RC_RESUME = 5 };
 
 typedef struct {
     uint8_t kind;
+    uint8_t sealed; /* 0 or 1 */
     uint8_t fleet;
-    uint8_t sender;
+    uint8_t sender; /* robot id, or RC_OPERATOR */
     uint32_t boot;
     uint32_t sequence;      /* 24 bits */
     uint64_t fleet_time_us; /* 48 bits */
@@ -76,16 +79,17 @@ typedef struct {
 } rc_state;
 
 typedef struct {
-    uint8_t robot, age, status, slot;
+    uint8_t robot, age, status, slot; /* age: in rounds, against the round of the frame's fleet time */
     uint16_t generation;
-    uint8_t cost, confirmed, tag;
+    uint8_t cost, confirmed, tag, localized, stopped;
     int16_t x_cm, y_cm, z_cm;
-    uint8_t eta_s, round_low;
+    uint8_t eta_s;
     uint8_t costs[RC_MAX_TASK_SLOTS]; /* m */
 } rc_relay_row;
 
 typedef struct {
-    uint8_t m, count;
+    uint8_t n, m, count;
+    uint64_t held; /* n bits: rows of this round that the sender holds, its own included */
     rc_relay_row rows[RC_MAX_RELAY_ROWS];
 } rc_relay;
 
