@@ -22,6 +22,7 @@ from hippomat_sim.fleet_ear import FleetEar
 from hippomat_sim.lidar_rays import measure, poses_between
 from hippomat_sim.medium import AirSettings, Heard, Medium
 from hippomat_sim.pty_port import PtyPort
+from hippomat_sim.radio import Memory
 from hippomat_sim.world import SUBSTEP_S, Body, World
 
 TICK_US = 10_000
@@ -88,7 +89,7 @@ class Simulation:
         return Robot(
             VirtualBase(seed, self.setup.odometry_errors),
             VirtualLidar(seed, self.setup.range_errors),
-            VirtualRadio(number, self.setup.seed, self.medium, fleet=self.setup.fleet),
+            VirtualRadio(number, self.setup.seed, self.medium, Memory(fleet=self.setup.fleet)),
             PtyPort(directory / f"base{number}"),
             PtyPort(directory / f"lidar{number}"),
             PtyPort(directory / f"radio{number}"),
@@ -106,7 +107,8 @@ class Simulation:
         """When there is something to do even if no port has bytes."""
         tick_us = (self.ticks + 1) * TICK_US
         air_us = self.medium.next_us()
-        return tick_us if air_us is None else min(tick_us, air_us)
+        radio_us = min(robot.radio.wake_us for robot in self.robots)
+        return min(tick_us, radio_us) if air_us is None else min(tick_us, radio_us, air_us)
 
     def wait_for_bytes(self, timeout_s: float) -> list[tuple[int, PtyPort]]:
         """(robot, port) of the ports that the daemons wrote to, waiting at most timeout_s for the first."""
@@ -135,12 +137,16 @@ class Simulation:
         while (happening := self.medium.pop(now_us)) is not None:
             if isinstance(happening, Heard):
                 robot = self.robots[happening.receiver]
-                robot.radio.heard(happening.at_us, happening.rssi_dbm, happening.frame)
+                robot.radio.heard(happening.at_us, happening.rssi_dbm, happening.sender, happening.frame)
             else:
                 self.ear.hear(happening.at_us, happening.frame)
                 robot = self.robots[happening.sender]
                 robot.radio.sent(happening.at_us)
             self._radio_to_host(robot, now_us)
+        for robot in self.robots:
+            if robot.radio.wake_us <= now_us:
+                robot.radio.tick(now_us)
+                self._radio_to_host(robot, now_us)
 
     def _tick(self, now_us: int) -> None:
         self.ticks += 1
@@ -153,8 +159,6 @@ class Simulation:
             robot.base.turn_wheels(v_mps, wz_radps, TICK_US / 1e6)
             if frame := robot.base.feedback(now_s, v_mps, wz_radps):
                 robot.base_port.write(frame, now_s)
-            robot.radio.tick(now_us)
-            self._radio_to_host(robot, now_us)
         if self.ticks % _LIDAR_TICKS == 0:
             self._scan(now_s)
         if self.ticks % _TRUTH_TICKS == 0:

@@ -131,3 +131,10 @@ bool rc_state_decode(const uint8_t *body, size_t n, rc_state *s) {
     s->stop_counter = rc_take16(&at);
     return clean && state_valid(s);
 }
+
+void rc_state_put_heard(uint8_t *body, uint64_t heard) {
+    enum { N_AT = 25, M_AT = 26, COSTS_AT = 27, INTENT_BYTES = 13 };
+    unsigned n = body[N_AT], m = body[M_AT];
+    uint64_t mask = n < 64 ? ((uint64_t)1 << n) - 1 : UINT64_MAX;
+    rc_put(body + COSTS_AT + m + (2 * m + 7) / 8 + INTENT_BYTES, heard & mask, (n + 7u) / 8);
+}

@@ -21,6 +21,7 @@ enum {
     RC_SEALED = 8,    /* bit of byte 0: the body is encrypted and a tag follows it */
     RC_MAX_BODY = RC_MAX_FRAME - RC_HEADER_BYTES - RC_TAG_BYTES,
     RC_MAX_ROBOTS = 64,
+    RC_MAX_SEQUENCE = 0xffffff,
     RC_OPERATOR = 255, /* sender of an operator's radio: TASKS, STOP and RESUME only */
     RC_MAX_TASK_SLOTS = 80,
     RC_NO_SLOT = 255,
@@ -116,6 +117,8 @@ size_t rc_header_encode(const rc_header *header, uint8_t *out);
 bool rc_header_decode(const uint8_t *frame, size_t n, rc_header *header);
 size_t rc_state_encode(const rc_state *state, uint8_t *out);
 bool rc_state_decode(const uint8_t *body, size_t n, rc_state *state);
+/* Writes `heard` into a valid body. */
+void rc_state_put_heard(uint8_t *body, uint64_t heard);
 size_t rc_relay_encode(const rc_relay *relay, uint8_t *out);
 bool rc_relay_decode(const uint8_t *body, size_t n, rc_relay *relay);
 size_t rc_tasks_encode(const rc_tasks *tasks, uint8_t *out);

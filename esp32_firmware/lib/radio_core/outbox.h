@@ -1,6 +1,4 @@
-/* Bodies that wait for the air: a latest-wins mailbox for STATE, a short queue for the others.
- *
- * STOP and RESUME go first, then STATE, then the queue in order. */
+/* Bodies from the host that wait for the air: a latest-wins mailbox for STATE, a short queue for TASKS. */
 #ifndef RC_OUTBOX_H
 #define RC_OUTBOX_H
 
@@ -9,15 +7,13 @@
 enum { RC_QUEUE_LENGTH = 8 };
 
 typedef struct {
-    uint8_t kind;
     uint8_t length;
     uint8_t bytes[RC_MAX_BODY];
 } rc_body;
 
 typedef struct {
     bool state_waiting;
-    uint8_t urgent; /* how many bodies at the head of the queue are STOP or RESUME */
-    uint8_t count;
+    uint8_t first, count; /* of the queue, a ring */
     rc_body state;
     rc_body queue[RC_QUEUE_LENGTH];
 } rc_outbox;
@@ -25,13 +21,14 @@ typedef struct {
 typedef enum {
     RC_QUEUED,
     RC_REPLACED, /* an unsent STATE was overwritten */
-    RC_LOST      /* no room: this body, or for STOP and RESUME the last other one, is gone */
+    RC_LOST      /* the queue is full */
 } rc_queued;
 
-/* n <= RC_MAX_BODY */
+/* kind: RC_STATE or RC_TASKS; n <= RC_MAX_BODY */
 rc_queued rc_outbox_put(rc_outbox *outbox, uint8_t kind, const uint8_t *body, size_t n);
 
-/* False: nothing waits. */
-bool rc_outbox_take(rc_outbox *outbox, rc_body *body);
+/* The length of what waited, written to body[RC_MAX_BODY]; 0: nothing did. */
+size_t rc_outbox_take_state(rc_outbox *outbox, uint8_t *body);
+size_t rc_outbox_take_tasks(rc_outbox *outbox, uint8_t *body);
 
 #endif

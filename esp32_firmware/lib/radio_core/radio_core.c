@@ -1,23 +1,155 @@
+/* Start, memory, time and status of a radio; radio_host.c and radio_air.c have its two sides. */
 #include "radio_core.h"
 
 #include <string.h>
 
-#include "bytes.h"
+#include "radio_parts.h"
+
+enum { EMPTY_ROUND_MS = 100, EMPTY_SLOTS = 5, EMPTY_RATE_MBPS = 6 };
 
 size_t rc_size(void) {
     return sizeof(rc_radio);
 }
 
-void rc_init(rc_radio *rc, const rc_config *config) {
-    memset(rc, 0, sizeof *rc);
-    rc->config = *config;
-    if (!rc_identity_valid(&config->identity))
-        rc->config.identity =
-            (rc_identity){.robot = RC_NO_ROBOT, .fleet = config->identity.fleet, .channel = 1};
+void rc_memory_init(rc_memory *memory) {
+    *memory = (rc_memory){
+        .identity = {.robot = RC_NO_ROBOT, .fleet = 1, .channel = 1},
+        .schedule = {.round_ms = EMPTY_ROUND_MS, .slots = EMPTY_SLOTS},
+        .rate_mbps = EMPTY_RATE_MBPS,
+    };
 }
 
-rc_identity rc_identity_of(const rc_radio *rc) {
-    return rc->config.identity;
+static void repair(rc_memory *memory) {
+    rc_memory empty;
+    rc_memory_init(&empty);
+    if (!rc_identity_valid(&memory->identity))
+        memory->identity = empty.identity;
+    if (!rc_schedule_valid(&memory->schedule))
+        memory->schedule = empty.schedule;
+    if (memory->rate_mbps != 6 && memory->rate_mbps != 12 && memory->rate_mbps != 24)
+        memory->rate_mbps = empty.rate_mbps;
+    if (memory->stop_resumed > memory->stop_counter)
+        memory->stop_counter = memory->stop_resumed;
+}
+
+static uint32_t salt_of(const rc_about *about) {
+    uint32_t salt = about->boot_id;
+    for (size_t i = 0; i < RC_MAC_BYTES; i++)
+        salt = rc_noise(salt, about->mac[i]);
+    return salt;
+}
+
+static void recall_peers(rc_radio *rc) {
+    const rc_memory *memory = &rc->config.memory;
+    for (size_t i = 0; i < RC_MAX_ROBOTS; i++)
+        rc->peers[i].boot = memory->peer_boots[i];
+    for (size_t i = 0; i < RC_OPERATORS; i++) {
+        rc->operators[i].boot = memory->operators[i].boot;
+        memcpy(rc->operators[i].mac, memory->operators[i].mac, RC_MAC_BYTES);
+    }
+}
+
+void rc_init(rc_radio *rc, uint64_t now_us, const rc_config *config) {
+    memset(rc, 0, sizeof *rc);
+    rc->config = *config;
+    repair(&rc->config.memory);
+    const rc_memory *memory = &rc->config.memory;
+    rc->salt = salt_of(&config->about);
+    rc->boot_ready = config->boot_kept || !memory->keyed;
+    rc->next_status_us = now_us;
+    rc->listen_until_us = now_us + RC_LISTEN_ROUNDS * (uint64_t)rc_round_us(rc);
+    rc->stop.counter = memory->stop_counter;
+    rc->stop.resumed = memory->stop_resumed;
+    recall_peers(rc);
+    rc_fleet_time_init(&rc->time, now_us);
+    rc_relay_init(&rc->relay, memory->identity.robot);
+}
+
+/* ---- what outlives a reboot --------------------------------------------------------------------------- */
+
+const rc_memory *rc_memory_of(const rc_radio *rc) {
+    return &rc->config.memory;
+}
+
+unsigned rc_dirty(const rc_radio *rc) {
+    return rc->dirty;
+}
+
+void rc_kept(rc_radio *rc, unsigned parts, bool ok) {
+    rc->dirty &= ~parts;
+    if (parts & RC_KEEP_BOOT && !rc->provisioning)
+        rc->boot_ready = ok || !rc->config.memory.keyed;
+    if (parts & RC_KEEP_IDENTITY && rc->provisioning) {
+        uint8_t payload[RC_LINK_MAX_PAYLOAD];
+        rc_tell_host(rc, payload, rc_provisioned_encode(ok, rc->config.memory.boot_counter, payload));
+        rc->provisioning = false;
+        rc->restart = true;
+    }
+}
+
+bool rc_wants_restart(const rc_radio *rc) {
+    return rc->restart && rc->to_host.used == 0;
+}
+
+void rc_channel_is(rc_radio *rc, uint8_t channel) {
+    rc->config.memory.identity.channel = channel;
+}
+
+/* ---- STOP --------------------------------------------------------------------------------------------- */
+
+void rc_note_stop(rc_radio *rc, uint64_t now_us) {
+    if (!rc->stop.changed)
+        return;
+    rc->stop.changed = false;
+    rc->config.memory.stop_counter = rc->stop.counter;
+    rc->config.memory.stop_resumed = rc->stop.resumed;
+    rc->dirty |= RC_KEEP_STOP;
+    rc_tell_status(rc, now_us);
+}
+
+void rc_button(rc_radio *rc, uint64_t now_us) {
+    rc_stop_raise(&rc->stop, now_us, rc->config.memory.identity.robot, RC_STOP_BY_BUTTON);
+    rc_note_stop(rc, now_us);
+}
+
+/* ---- status ------------------------------------------------------------------------------------------- */
+
+uint64_t rc_alive(const rc_radio *rc, uint64_t now_us) {
+    uint64_t alive = 0;
+    for (size_t i = 0; i < RC_MAX_ROBOTS; i++)
+        alive |= (uint64_t)rc_peer_alive(&rc->peers[i], now_us) << i;
+    return alive;
+}
+
+static uint16_t flags_of(const rc_radio *rc) {
+    const rc_memory *memory = &rc->config.memory;
+    unsigned flags = memory->keyed ? 0 : RC_FLAG_OPEN;
+    flags |= rc_fleet_time_agreed(&rc->time) ? RC_FLAG_AGREED : 0;
+    flags |= rc->passive ? RC_FLAG_PASSIVE : 0;
+    flags |= rc_stop_latched(&rc->stop) ? RC_FLAG_STOPPED : 0;
+    flags |= rc->boot_ready ? 0 : RC_FLAG_UNSAFE;
+    flags |= memory->provisioned || rc_is_robot(rc) ? RC_FLAG_PROVISIONED : 0;
+    return (uint16_t)flags;
+}
+
+rc_condition rc_condition_of(const rc_radio *rc, uint64_t now_us) {
+    rc_condition condition = {
+        .uptime_us = now_us,
+        .fleet_time_us = rc_fleet_time_at(&rc->time, now_us),
+        .flags = flags_of(rc),
+        .stop_counter = rc->stop.counter,
+        .stop_resumed = rc->stop.resumed,
+        .alive = rc_alive(rc, now_us),
+    };
+    for (size_t i = 0; i < RC_MAX_ROBOTS; i++) {
+        const rc_peer *peer = &rc->peers[i];
+        condition.rebooted |= (uint64_t)peer->rebooted << i;
+        condition.babbling |= (uint64_t)(peer->babbling && rc_peer_alive(peer, now_us)) << i;
+        condition.duplicate |= (uint64_t)peer->duplicate << i;
+    }
+    if (rc->passive && rc_is_robot(rc))
+        condition.duplicate |= (uint64_t)1 << rc->config.memory.identity.robot;
+    return condition;
 }
 
 rc_counters rc_counters_of(const rc_radio *rc) {
@@ -31,140 +163,81 @@ void rc_lost(rc_radio *rc, uint32_t messages) {
     rc->counters.dropped_usb += messages;
 }
 
-/* ---- to the host -------------------------------------------------------------------------------------- */
-
-static void tell_host(rc_radio *rc, const uint8_t *payload, size_t n) {
-    uint8_t framed[RC_LINK_MAX_ENCODED];
-    size_t length = rc_cobs_encode(payload, n, framed);
-    if (!rc_ring_put(&rc->to_host, framed, length))
-        rc->counters.dropped_usb++;
-}
-
-size_t rc_usb_tx(rc_radio *rc, uint8_t *out, size_t cap) {
-    return rc_ring_take(&rc->to_host, out, cap);
-}
-
-static void send_status(rc_radio *rc, uint64_t now_us) {
+void rc_tell_status(rc_radio *rc, uint64_t now_us) {
+    const rc_memory *memory = &rc->config.memory;
     uint8_t payload[RC_LINK_MAX_PAYLOAD];
-    rc_condition condition = {.uptime_us = now_us, .flags = RC_FLAG_OPEN};
-    tell_host(rc, payload,
-              rc_status_encode(&rc->config.about, &rc->config.identity, &condition, &rc->counters, payload));
+    rc_condition condition = rc_condition_of(rc, now_us);
+    size_t n = rc_status_encode(&rc->config.about, memory->boot_counter, &memory->identity, &memory->schedule,
+                                memory->rate_mbps, &condition, &rc->counters, payload);
+    rc_tell_host(rc, payload, n);
+    for (size_t i = 0; i < RC_MAX_ROBOTS; i++)
+        rc->peers[i].rebooted = false;
 }
 
-/* ---- from the host ------------------------------------------------------------------------------------ */
+/* ---- time --------------------------------------------------------------------------------------------- */
 
-/* A radio without a robot id takes fleet and channel from whoever asks, and the id if one is named. */
-static void on_hello(rc_radio *rc, const rc_hello *hello) {
-    if (hello->link_version == RC_LINK_VERSION && rc->config.identity.robot == RC_NO_ROBOT)
-        rc->config.identity = hello->identity;
+static void tell_round(rc_radio *rc, uint64_t now_us) {
     uint8_t payload[RC_LINK_MAX_PAYLOAD];
-    tell_host(rc, payload, rc_reply_encode(&rc->config.about, &rc->config.identity, payload));
+    uint64_t fleet_us = rc_fleet_time_at(&rc->time, now_us);
+    size_t n = rc_round_encode(rc->round, fleet_us, now_us, rc->relay.held, rc_fleet_time_agreed(&rc->time),
+                               payload);
+    rc_tell_host(rc, payload, n);
+    rc->round_told = true;
 }
 
-static void on_send(rc_radio *rc, const rc_send *send) {
-    if (rc->config.identity.robot == RC_NO_ROBOT) {
-        rc->counters.send_failed++;
-        return;
+/* The fleet's time has gone on: a round was observed, or another one begins. */
+static void follow_rounds(rc_radio *rc, uint64_t now_us) {
+    const rc_schedule *schedule = &rc->config.memory.schedule;
+    uint64_t fleet_us = rc_fleet_time_at(&rc->time, now_us);
+    uint32_t round = rc_round_of(schedule, fleet_us);
+    if (round != rc->round) {
+        if (!rc->round_told && round == rc->round + 1)
+            tell_round(rc, now_us);
+        rc_fleet_time_end_round(&rc->time, now_us, rc_round_us(rc));
+        rc->round = round;
+        rc->round_told = false;
+        rc_relay_begin(&rc->relay, round);
     }
-    switch (rc_outbox_put(&rc->outbox, send->kind, send->body, send->length)) {
-    case RC_QUEUED:
-        break;
-    case RC_REPLACED:
-        rc->counters.replaced++;
-        break;
-    case RC_LOST:
-        rc->counters.send_failed++;
-        break;
-    }
-}
-
-static void on_message(rc_radio *rc, const uint8_t *payload, size_t n) {
-    rc_hello hello;
-    rc_send send;
-    if (rc_hello_decode(payload, n, &hello))
-        on_hello(rc, &hello);
-    else if (rc_send_decode(payload, n, &send) && rc_body_valid(send.kind, send.body, send.length))
-        on_send(rc, &send);
-    else
-        rc->counters.dropped_usb++;
-}
-
-void rc_usb_rx(rc_radio *rc, uint64_t now_us, const uint8_t *bytes, size_t n) {
-    (void)now_us; /* nothing the host says is timed yet */
-    for (size_t i = 0; i < n; i++) {
-        int length = rc_cobs_push(&rc->from_host, bytes[i]);
-        if (length >= 0)
-            on_message(rc, rc->from_host.buffer, (size_t)length);
-    }
-}
-
-/* ---- from the air ------------------------------------------------------------------------------------- */
-
-static bool foreign(const rc_radio *rc, const uint8_t *frame, size_t n) {
-    return n >= 2 && (frame[0] >> 4 != RC_PROTOCOL_VERSION || frame[1] != rc->config.identity.fleet);
-}
-
-void rc_air_rx(rc_radio *rc, uint64_t now_us, int8_t rssi_dbm, const uint8_t *frame, size_t n) {
-    if (foreign(rc, frame, n)) {
-        rc->counters.dropped_foreign++;
-        return;
-    }
-    rc_header header;
-    if (!rc_frame_valid(frame, n) || !rc_header_decode(frame, n, &header)) {
-        rc->counters.dropped_malformed++;
-        return;
-    }
-    if (!rc_peer_fresh(&rc->peers[header.sender], header.boot, header.sequence)) {
-        rc->counters.dropped_duplicate++;
-        return;
-    }
-    rc->counters.received++;
-    uint8_t payload[RC_LINK_MAX_PAYLOAD];
-    tell_host(rc, payload, rc_heard_encode(now_us, rssi_dbm, frame, n, payload));
-}
-
-/* ---- to the air --------------------------------------------------------------------------------------- */
-
-size_t rc_air_tx(rc_radio *rc, uint64_t now_us, uint8_t *out) {
-    rc_body body;
-    if (rc->flight.up || rc->config.identity.robot == RC_NO_ROBOT || !rc_outbox_take(&rc->outbox, &body))
-        return 0;
-    rc->sequence = (rc->sequence + 1) & 0xffffffu;
-    rc->flight = (rc_flight){.up = true, .kind = body.kind, .sequence = rc->sequence, .since_us = now_us};
-    rc_header header = {
-        .kind = body.kind,
-        .fleet = rc->config.identity.fleet,
-        .sender = rc->config.identity.robot,
-        .boot = rc->config.about.boot_counter,
-        .sequence = rc->sequence,
-        .fleet_time_us = now_us & 0xffffffffffffu, /* own clock, until the fleet agrees on a time */
-    };
-    uint8_t *at = out + rc_header_encode(&header, out);
-    at = rc_put_bytes(at, body.bytes, body.length);
-    return (size_t)(at - out);
-}
-
-static void land(rc_radio *rc, uint64_t now_us, bool ok) {
-    rc->flight.up = false;
-    if (ok)
-        rc->counters.sent++;
-    else
-        rc->counters.send_failed++;
-    uint8_t payload[RC_LINK_MAX_PAYLOAD];
-    tell_host(rc, payload, rc_sent_encode(now_us, rc->flight.kind, rc->flight.sequence, ok, payload));
-}
-
-/* A call after the timeout finds nothing in flight, or is taken for the next frame: at worst two overlap. */
-void rc_air_done(rc_radio *rc, uint64_t now_us, bool ok) {
-    if (rc->flight.up)
-        land(rc, now_us, ok);
+    if (!rc->round_told && fleet_us >= rc_round_start_us(schedule, round) + rc_observed_us(schedule))
+        tell_round(rc, now_us);
 }
 
 void rc_tick(rc_radio *rc, uint64_t now_us) {
     if (rc->flight.up && now_us >= rc->flight.since_us + RC_IN_FLIGHT_TIMEOUT_US)
-        land(rc, now_us, false);
+        rc_air_done(rc, now_us, false);
+    follow_rounds(rc, now_us);
     if (now_us >= rc->next_status_us) {
-        send_status(rc, now_us);
+        rc_tell_status(rc, now_us);
         rc->next_status_us = now_us + RC_STATUS_PERIOD_US - now_us % RC_STATUS_PERIOD_US;
     }
+}
+
+static uint64_t earlier(uint64_t a, uint64_t b) {
+    return a < b ? a : b;
+}
+
+/* In fleet time: the round observed, the next one, and our next turn to send. */
+static uint64_t next_fleet_us(const rc_radio *rc, uint64_t fleet_us) {
+    const rc_memory *memory = &rc->config.memory;
+    uint64_t start_us = rc_round_start_us(&memory->schedule, rc->round);
+    uint64_t next_us = start_us + rc_round_us(rc);
+    if (!rc->round_told)
+        next_us = earlier(next_us, start_us + rc_observed_us(&memory->schedule));
+    if (!rc_is_robot(rc) || rc->passive)
+        return next_us;
+    rc_turn turn = rc_next_turn(&memory->schedule, memory->identity.robot, rc->salt, fleet_us);
+    if (turn.start_us <= fleet_us) /* open now: whatever comes in meanwhile is a call of its own */
+        turn = rc_next_turn(&memory->schedule, memory->identity.robot, rc->salt, turn.latest_us + 1);
+    return earlier(next_us, turn.start_us);
+}
+
+uint64_t rc_next_us(const rc_radio *rc, uint64_t now_us) {
+    uint64_t fleet_us = rc_fleet_time_at(&rc->time, now_us);
+    uint64_t next_us = rc_fleet_time_when(&rc->time, next_fleet_us(rc, fleet_us));
+    next_us = earlier(next_us, rc->next_status_us);
+    if (rc->flight.up)
+        next_us = earlier(next_us, rc->flight.since_us + RC_IN_FLIGHT_TIMEOUT_US);
+    else
+        next_us = earlier(next_us, rc_stop_due_us(&rc->stop));
+    return next_us > now_us ? next_us : now_us;
 }

@@ -1,8 +1,8 @@
 /* The radio core: bytes from USB and frames from the air in, bytes for USB and frames for the air out.
  *
  * Pure C11: the caller owns the struct and the clock (now_us, monotonic since boot); no globals, no malloc,
- * no ESP-IDF. Not thread-safe: one task owns a radio. Decides when what is sent, what is passed on, what is relayed
- * and flooded, and what is dropped; knows no driver, no flash and no cipher.
+ * no ESP-IDF. Not thread-safe: one task owns a radio. Decides when what is sent, what is passed on, what is
+ * relayed and flooded, and what is dropped; knows no driver, no flash and no cipher.
  */
 #ifndef RADIO_CORE_H
 #define RADIO_CORE_H
@@ -51,7 +51,7 @@ typedef struct {
 typedef struct {
     rc_about about;
     rc_memory memory;
-    bool boot_kept; /* the boot counter of this boot was stored before now */
+    bool boot_kept;   /* the boot counter of this boot was stored before now */
     rc_cipher cipher; /* all NULL where no key will ever be used */
 } rc_config;
 
@@ -60,7 +60,8 @@ typedef struct rc_radio rc_radio;
 size_t rc_size(void); /* sizeof(rc_radio); align as for uint64_t */
 /* An empty flash: listens only, fleet 1, channel 1, 100 ms, 5 slots, 6 Mbit/s, OPEN. */
 void rc_memory_init(rc_memory *memory);
-/* now_us: the caller's clock at this moment. Values in config.memory that cannot be are replaced by the empty ones. */
+/* now_us: the caller's clock at this moment. Values in config.memory that cannot be are replaced by the empty
+ * ones. */
 void rc_init(rc_radio *rc, uint64_t now_us, const rc_config *config);
 
 void rc_usb_rx(rc_radio *rc, uint64_t now_us, const uint8_t *bytes, size_t n);
@@ -82,11 +83,12 @@ size_t rc_usb_tx(rc_radio *rc, uint8_t *out, size_t cap);
 /* The next frame for the air into out[RC_MAX_FRAME]; 0: nothing is due, or one is still in flight. */
 size_t rc_air_tx(rc_radio *rc, uint64_t now_us, uint8_t *out);
 
-/* Which parts of the memory have changed and must be stored; the shell writes them and then says how it went. A
- * sequence number that runs out, and a provisioning, wait for that answer. */
+/* Which parts of the memory have changed and must be stored; the shell writes them and then says how it went.
+ * A sequence number that runs out, and a provisioning, wait for that answer. */
 unsigned rc_dirty(const rc_radio *rc);
 void rc_kept(rc_radio *rc, unsigned parts, bool ok);
-/* A provisioning was stored and answered: restart once the host has the answer (rc_usb_tx gives nothing more). */
+/* A provisioning was stored and answered: restart once the host has the answer (rc_usb_tx gives nothing
+ * more). */
 bool rc_wants_restart(const rc_radio *rc);
 
 const rc_memory *rc_memory_of(const rc_radio *rc);
@@ -112,17 +114,17 @@ struct rc_radio {
     rc_flight flight;
     uint32_t sequence; /* of the last frame taken for the air */
     uint32_t salt;     /* of this radio's pseudo-random choices */
-    unsigned dirty;
-    bool boot_ready;       /* the boot counter in use is stored */
-    bool passive;          /* another radio has our id */
-    bool answer_provision; /* the host waits for it */
+    unsigned dirty;    /* parts of the memory that have to be stored */
+    bool boot_ready;   /* the boot counter in use is stored */
+    bool passive;      /* another radio has our id */
+    bool provisioning; /* the host waits for the answer */
     bool restart;
-    uint64_t start_us; /* own time of rc_init */
+    uint64_t listen_until_us; /* own time */
     uint64_t next_status_us;
     uint32_t round;          /* of fleet time, present */
     bool round_told;         /* the host was told that this round was observed */
-    uint32_t phase_used;     /* 3 * round + phase of our last slotted frame, + 1 */
-    uint64_t others_since_us; /* since when a body other than STATE waits */
+    uint64_t turn_used;      /* 3 * round + phase + 1 of our last slotted frame */
+    uint64_t tasks_since_us; /* since when TASKS wait */
     rc_cobs_decoder from_host;
     rc_ring to_host;
     rc_outbox outbox;

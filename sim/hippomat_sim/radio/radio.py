@@ -7,6 +7,9 @@ from typing import Any
 
 from hippomat_core.wire import link
 from hippomat_sim.radio.binding import Library, load_library
+from hippomat_sim.radio.memory import Memory, memory_of
+
+_FIRST_BOOT = Memory(boot_counter=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,49 +18,61 @@ class Counters:
 
     sent: int
     received: int
+    relays: int
     replaced: int
     send_failed: int
     dropped_foreign: int
     dropped_malformed: int
-    dropped_duplicate: int
+    dropped_seal: int
+    dropped_forged: int
+    dropped_replayed: int
+    dropped_impostor: int
+    dropped_babble: int
     dropped_usb: int
     usb_skipped_bytes: int
     usb_bad_checksums: int
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
-    """Who the radio is; robot 255 listens only."""
+class Condition:
+    """rc_condition of link.h: the changing part of a status. Bitmaps by robot id."""
 
-    robot: int
-    fleet: int
-    channel: int
+    uptime_us: int
+    fleet_time_us: int
+    flags: int
+    stop_counter: int
+    stop_resumed: int
+    alive: int
+    rebooted: int
+    babbling: int
+    duplicate: int
 
 
 class Radio:
-    """A radio from its boot on; a reboot is a new Radio with another boot_id and a higher boot_counter.
+    """A radio from its boot on; a reboot is a new Radio with another boot_id and memory.counted().
 
-    now_us is the radio's own clock: microseconds since its boot, never going back.
+    now_us is the radio's own clock: microseconds since its boot, never going back. boot_kept: the boot counter in
+    `memory` was stored before this boot; a radio with a key sends nothing otherwise.
     """
 
     def __init__(
         self,
         mac: bytes,
         boot_id: int,
-        boot_counter: int,
-        robot: int = link.NO_ROBOT,
-        fleet: int = 1,
-        channel: int = 1,
-        reset_reason: int = 1,
+        memory: Memory = _FIRST_BOOT,
         *,
+        now_us: int = 0,
+        boot_kept: bool = True,
+        reset_reason: int = 1,
         firmware: str = "hippomat sim",
         git_hash: str = "",
         library: Library | None = None,
     ) -> None:
         # The reply that this radio will give; encoding it once refuses what does not fit, by name.
         reply = link.HelloReply(
-            *(link.LINK_VERSION, 0, boot_id, boot_counter, reset_reason, mac, robot, fleet, channel),
-            *(firmware, git_hash),
+            *(link.LINK_VERSION, 0, boot_id, memory.boot_counter, reset_reason, mac),
+            *(memory.robot, memory.fleet, memory.channel, memory.rate_mbps, 0),
+            *(memory.round_ms, memory.slots, firmware, git_hash),
         )
         link.encode_payload(reply)
         self._library = library or load_library()
@@ -66,19 +81,27 @@ class Radio:
         self._rc = ffi.cast("rc_radio *", self._memory)
         self._out = ffi.new("uint8_t[]", 4096)
         self._frame = ffi.new("uint8_t[]", lib.RC_MAX_FRAME)
-        lib.rc_init(self._rc, self._config(reply))
+        lib.rc_init(self._rc, now_us, self._config(reply, memory, boot_kept))
 
-    def _config(self, reply: link.HelloReply) -> Any:
+    def _config(self, reply: link.HelloReply, memory: Memory, boot_kept: bool) -> Any:
         about = {
             "boot_id": reply.boot_id,
-            "boot_counter": reply.boot_counter,
             "reset_reason": reply.reset_reason,
             "mac": tuple(reply.mac),
             "firmware": reply.firmware.encode(),
             "git_hash": reply.git_hash.encode(),
         }
-        identity = {"robot": reply.robot, "fleet": reply.fleet, "channel": reply.channel}
-        return self._library.ffi.new("rc_config *", {"about": about, "identity": identity})
+        config = {"about": about, "memory": memory.as_struct(), "boot_kept": boot_kept}
+        if memory.key:
+            from hippomat_sim.radio.cipher import load_cipher  # an OPEN fleet does without `cryptography`
+
+            config["cipher"] = load_cipher(self._library).struct[0]
+        return self._library.ffi.new("rc_config *", config)
+
+    @property
+    def handle(self) -> Any:
+        """The rc_radio, for loops in C over many radios; lives as long as this object."""
+        return self._rc
 
     def usb_rx(self, now_us: int, data: bytes) -> None:
         """Bytes from the host."""
@@ -91,12 +114,12 @@ class Radio:
             parts.append(bytes(self._library.ffi.buffer(self._out, size)))
         return b"".join(parts)
 
-    def air_rx(self, now_us: int, rssi_dbm: int, frame: bytes) -> None:
-        """A frame from the air, whole."""
-        self._library.lib.rc_air_rx(self._rc, now_us, rssi_dbm, frame, len(frame))
+    def air_rx(self, now_us: int, rssi_dbm: int, mac: bytes, frame: bytes) -> None:
+        """A frame from the air, whole, and the MAC of the radio that sent it."""
+        self._library.lib.rc_air_rx(self._rc, now_us, rssi_dbm, mac, frame, len(frame))
 
     def air_tx(self, now_us: int) -> bytes | None:
-        """The next frame for the air; None while one is in flight or nothing waits."""
+        """The next frame for the air; None while one is in flight or nothing is due."""
         size = self._library.lib.rc_air_tx(self._rc, now_us, self._frame)
         return bytes(self._library.ffi.buffer(self._frame, size)) if size else None
 
@@ -105,15 +128,41 @@ class Radio:
         self._library.lib.rc_air_done(self._rc, now_us, ok)
 
     def tick(self, now_us: int) -> None:
-        """Time passes; at least every 10 ms."""
+        """Time passes: when next_us says so, and after everything else."""
         self._library.lib.rc_tick(self._rc, now_us)
 
+    def next_us(self, now_us: int) -> int:
+        """When tick or air_tx has work, if nothing comes in before."""
+        return int(self._library.lib.rc_next_us(self._rc, now_us))
+
+    def press_button(self, now_us: int) -> None:
+        """The STOP button was held."""
+        self._library.lib.rc_button(self._rc, now_us)
+
     @property
-    def identity(self) -> Identity:
-        raw = self._library.lib.rc_identity_of(self._rc)
-        return Identity(raw.robot, raw.fleet, raw.channel)
+    def dirty(self) -> int:
+        """RC_KEEP_... parts of the memory that have to be stored."""
+        return int(self._library.lib.rc_dirty(self._rc))
+
+    def kept(self, parts: int, ok: bool) -> None:
+        """How storing them went."""
+        self._library.lib.rc_kept(self._rc, parts, ok)
+
+    @property
+    def wants_restart(self) -> bool:
+        """It was provisioned, and the host has the answer."""
+        return bool(self._library.lib.rc_wants_restart(self._rc))
+
+    @property
+    def memory(self) -> Memory:
+        return memory_of(self._library.lib.rc_memory_of(self._rc))
 
     @property
     def counters(self) -> Counters:
         raw = self._library.lib.rc_counters_of(self._rc)
         return Counters(*(getattr(raw, field.name) for field in fields(Counters)))
+
+    def condition(self, now_us: int) -> Condition:
+        """What its status would say now."""
+        raw = self._library.lib.rc_condition_of(self._rc, now_us)
+        return Condition(*(getattr(raw, field.name) for field in fields(Condition)))

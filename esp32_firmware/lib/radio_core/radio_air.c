@@ -1,0 +1,293 @@
+/* The side of the air: what is believed of a frame heard, and what is sent in which turn. */
+#include <string.h>
+
+#include "bytes.h"
+#include "radio_parts.h"
+
+/* ---- from the air ------------------------------------------------------------------------------------- */
+
+/* The place of a sender. Operators share one id: theirs are by MAC, the longest unheard makes room. */
+static rc_peer *place_of(rc_radio *rc, const rc_header *header, const uint8_t *mac) {
+    if (header->sender < RC_MAX_ROBOTS)
+        return &rc->peers[header->sender];
+    rc_peer *oldest = &rc->operators[0];
+    for (size_t i = 0; i < RC_OPERATORS; i++) {
+        rc_peer *peer = &rc->operators[i];
+        if (memcmp(peer->mac, mac, RC_MAC_BYTES) == 0)
+            return peer;
+        if (peer->heard_us < oldest->heard_us)
+            oldest = peer;
+    }
+    return oldest;
+}
+
+/* A stranger among the operators: the place is his only once he proved authentic. */
+static rc_peer judged_as(const rc_peer *place, const rc_header *header, const uint8_t *mac) {
+    if (header->sender == RC_OPERATOR && memcmp(place->mac, mac, RC_MAC_BYTES) != 0)
+        return (rc_peer){0};
+    return *place;
+}
+
+static void keep_boot(rc_radio *rc, const rc_header *header, const rc_peer *peer) {
+    rc_memory *memory = &rc->config.memory;
+    if (!memory->keyed) /* without a key it proves nothing */
+        return;
+    if (header->sender < RC_MAX_ROBOTS) {
+        memory->peer_boots[header->sender] = peer->boot;
+    } else {
+        rc_operator *place = &memory->operators[peer - rc->operators];
+        memcpy(place->mac, peer->mac, RC_MAC_BYTES);
+        place->boot = peer->boot;
+    }
+    rc->dirty |= RC_KEEP_PEERS;
+}
+
+static void go_passive(rc_radio *rc, uint64_t now_us) {
+    rc->counters.dropped_impostor++;
+    if (rc->passive)
+        return;
+    rc->passive = true;
+    rc->outbox.state_waiting = false;
+    rc_tell_status(rc, now_us);
+}
+
+static bool is_ours(const rc_radio *rc, const rc_header *header) {
+    return rc_is_robot(rc) && header->sender == rc->config.memory.identity.robot;
+}
+
+/* Is it of this fleet, and does it claim to be sealed as this fleet's frames are? Counted if not. */
+static bool belongs(rc_radio *rc, const uint8_t *frame, size_t n, rc_header *header) {
+    const rc_memory *memory = &rc->config.memory;
+    if (n >= 2 && (frame[0] >> 4 != RC_PROTOCOL_VERSION || frame[1] != memory->identity.fleet)) {
+        rc->counters.dropped_foreign++;
+        return false;
+    }
+    if (n > RC_MAX_FRAME || !rc_header_decode(frame, n, header)) {
+        rc->counters.dropped_malformed++;
+        return false;
+    }
+    if (header->sealed != memory->keyed) {
+        rc->counters.dropped_seal++;
+        return false;
+    }
+    return true;
+}
+
+/* Header and plain body into plain[RC_MAX_FRAME]; 0 for a frame that is forged or malformed, then counted. */
+static size_t opened(rc_radio *rc, const rc_header *header, const uint8_t *mac, const uint8_t *frame,
+                     size_t n, uint8_t *plain) {
+    const rc_config *config = &rc->config;
+    size_t length = n;
+    if (header->sealed)
+        length = rc_unseal(&config->cipher, config->memory.key, mac, frame, n, plain);
+    else if (n <= RC_MAX_FRAME - RC_TAG_BYTES)
+        memcpy(plain, frame, n);
+    if (length == 0) {
+        rc->counters.dropped_forged++;
+        return 0;
+    }
+    if (length > RC_MAX_FRAME - RC_TAG_BYTES ||
+        !rc_body_valid(header->kind, plain + RC_HEADER_BYTES, length - RC_HEADER_BYTES)) {
+        rc->counters.dropped_malformed++;
+        return 0;
+    }
+    return length;
+}
+
+static void learn_from(rc_radio *rc, uint64_t now_us, const rc_header *header, const uint8_t *body,
+                       size_t n) {
+    uint32_t round = rc_round_of(&rc->config.memory.schedule, header->fleet_time_us);
+    if (header->kind == RC_STATE) {
+        uint16_t counter = (uint16_t)(body[n - 2] | body[n - 1] << 8);
+        rc_relay_heard_state(&rc->relay, round, header->sender, body, n);
+        rc_stop_shown(&rc->stop, now_us, header->sender, body[1] & 1, counter);
+    } else if (header->kind == RC_RELAY) {
+        rc_relay_heard_relay(&rc->relay, round, header->sender, body, n);
+    } else if (header->kind == RC_STOP || header->kind == RC_RESUME) {
+        rc_stop stop;
+        if (rc_stop_decode(body, n, &stop))
+            rc_stop_heard(&rc->stop, now_us, header->kind, &stop);
+    }
+    rc_note_stop(rc, now_us);
+}
+
+static void believe(rc_radio *rc, uint64_t now_us, int8_t rssi_dbm, const rc_header *header,
+                    const uint8_t *plain, size_t n) {
+    rc->counters.received++;
+    uint32_t way_us = rc_airtime_us(n + (header->sealed ? RC_TAG_BYTES : 0), rc->config.memory.rate_mbps);
+    if (header->sender <
+        RC_MAX_ROBOTS) /* an operator's radio comes and goes: the fleet's time is the robots' */
+        rc_fleet_time_heard(&rc->time, now_us, header->fleet_time_us, way_us + RC_FRAME_DELAY_US);
+    uint8_t payload[RC_LINK_MAX_PAYLOAD];
+    uint64_t fleet_us = rc_fleet_time_at(&rc->time, now_us);
+    rc_tell_host(rc, payload, rc_heard_encode(now_us, fleet_us, rssi_dbm, plain, n, payload));
+    learn_from(rc, now_us, header, plain + RC_HEADER_BYTES, n - RC_HEADER_BYTES);
+}
+
+void rc_air_rx(rc_radio *rc, uint64_t now_us, int8_t rssi_dbm, const uint8_t *mac, const uint8_t *frame,
+               size_t n) {
+    rc_header header;
+    if (!belongs(rc, frame, n, &header))
+        return;
+    rc_peer *place = place_of(rc, &header, mac);
+    rc_peer peer = judged_as(place, &header, mac);
+    bool keyed = rc->config.memory.keyed;
+    rc_judgement judgement = rc_peer_judge(&peer, mac, header.boot, header.sequence, now_us, keyed);
+    bool ours = is_ours(rc, &header);
+    if (judgement == RC_REPLAYED && !ours) {
+        rc->counters.dropped_replayed++;
+        return;
+    }
+    uint8_t plain[RC_MAX_FRAME];
+    size_t length = opened(rc, &header, mac, frame, n, plain);
+    if (length == 0)
+        return;
+    if (ours) {
+        if (memcmp(mac, rc->config.about.mac, RC_MAC_BYTES) != 0)
+            go_passive(rc, now_us);
+        return;
+    }
+    if (judgement == RC_IMPOSTOR) {
+        rc->counters.dropped_impostor++;
+        rc_peer_impostor(place, now_us);
+        return;
+    }
+    if (!rc_peer_count(&peer, now_us)) {
+        rc->counters.dropped_babble++;
+        *place = peer;
+        return;
+    }
+    bool new_boot = rc_peer_accept(&peer, mac, header.boot, header.sequence, rssi_dbm, now_us);
+    *place = peer;
+    if (new_boot)
+        keep_boot(rc, &header, place);
+    believe(rc, now_us, rssi_dbm, &header, plain, length);
+}
+
+/* ---- to the air --------------------------------------------------------------------------------------- */
+
+/* A sequence number is used once in a boot. When they run out the next boot counter begins, once it is
+ * stored. */
+static void begin_next_boot(rc_radio *rc) {
+    rc->sequence = 0;
+    rc->config.memory.boot_counter++;
+    rc->boot_ready = false;
+    rc->dirty |= RC_KEEP_BOOT;
+}
+
+/* Header, and the seal where there is a key; frame already holds the body. 0: cannot be sent. */
+static size_t finish(rc_radio *rc, uint64_t now_us, uint8_t kind, uint8_t *frame, size_t body_bytes) {
+    const rc_config *config = &rc->config;
+    rc->sequence++;
+    rc_header header = {
+        .kind = kind,
+        .sealed = config->memory.keyed,
+        .fleet = config->memory.identity.fleet,
+        .sender = config->memory.identity.robot,
+        .boot = config->memory.boot_counter,
+        .sequence = rc->sequence,
+        .fleet_time_us = rc_fleet_time_at(&rc->time, now_us),
+    };
+    size_t n = rc_header_encode(&header, frame) + body_bytes;
+    if (config->memory.keyed)
+        n = rc_seal(&config->cipher, config->memory.key, config->about.mac, frame, n);
+    if (n == 0) {
+        rc->counters.send_failed++;
+        return 0;
+    }
+    rc->flight = (rc_flight){.up = true, .kind = kind, .sequence = rc->sequence, .since_us = now_us};
+    return n;
+}
+
+static size_t take_stop(rc_radio *rc, uint64_t now_us, uint8_t *kind, uint8_t *body) {
+    rc_stop stop;
+    if (!rc_stop_next(&rc->stop, now_us, rc_round_us(rc), rc->salt, rc_alive(rc, now_us), kind, &stop))
+        return 0;
+    return rc_stop_encode(&stop, body);
+}
+
+static size_t take_state(rc_radio *rc, uint8_t *kind, uint8_t *body) {
+    size_t n = rc_outbox_take_state(&rc->outbox, body);
+    if (n == 0)
+        return 0;
+    *kind = RC_STATE;
+    rc_state_put_heard(body, rc_relay_heard_bits(&rc->relay));
+    rc_relay_own(&rc->relay, rc->round, body, n);
+    return n;
+}
+
+static size_t take_tasks(rc_radio *rc, uint64_t now_us, uint8_t *kind, uint8_t *body) {
+    *kind = RC_TASKS;
+    rc->tasks_since_us = now_us;
+    return rc_outbox_take_tasks(&rc->outbox, body);
+}
+
+static size_t take_relay(rc_radio *rc, uint8_t *kind, uint8_t *body) {
+    size_t n = rc_relay_fill(&rc->relay, body);
+    *kind = RC_RELAY;
+    rc->counters.relays += n > 0;
+    return n;
+}
+
+/* What goes out in our turn: STATE first, late ones instead of a relay; TASKS that wait longer than a round
+ * go in RELAY-2, else where nobody needs a row. */
+static size_t take_for_turn(rc_radio *rc, uint64_t now_us, uint8_t phase, uint8_t *kind, uint8_t *body) {
+    size_t n = take_state(rc, kind, body);
+    if (n > 0 || phase == 0)
+        return n;
+    bool patient = phase == 1 || now_us - rc->tasks_since_us < rc_round_us(rc);
+    if (!patient)
+        n = take_tasks(rc, now_us, kind, body);
+    if (n == 0)
+        n = take_relay(rc, kind, body);
+    return n > 0 ? n : take_tasks(rc, now_us, kind, body);
+}
+
+static size_t take_in_turn(rc_radio *rc, uint64_t now_us, uint8_t *kind, uint8_t *body) {
+    const rc_memory *memory = &rc->config.memory;
+    uint64_t fleet_us = rc_fleet_time_at(&rc->time, now_us);
+    rc_turn turn = rc_next_turn(&memory->schedule, memory->identity.robot, rc->salt, fleet_us);
+    uint64_t name = (uint64_t)turn.round * RC_PHASES + turn.phase + 1;
+    if (fleet_us < turn.start_us || turn.round != rc->round || name == rc->turn_used)
+        return 0;
+    size_t n = take_for_turn(rc, now_us, turn.phase, kind, body);
+    if (n > 0)
+        rc->turn_used = name;
+    return n;
+}
+
+static size_t take_body(rc_radio *rc, uint64_t now_us, uint8_t *kind, uint8_t *body) {
+    size_t n = take_stop(rc, now_us, kind, body);
+    if (n > 0)
+        return n;
+    if (!rc_is_robot(rc)) /* an operator has no slot */
+        return take_tasks(rc, now_us, kind, body);
+    if (rc->passive || now_us < rc->listen_until_us)
+        return 0;
+    return take_in_turn(rc, now_us, kind, body);
+}
+
+size_t rc_air_tx(rc_radio *rc, uint64_t now_us, uint8_t *out) {
+    if (rc->flight.up || !rc->boot_ready || rc->provisioning || rc->restart)
+        return 0;
+    if (rc->sequence == RC_MAX_SEQUENCE) {
+        begin_next_boot(rc);
+        return 0;
+    }
+    uint8_t kind = 0;
+    size_t n = take_body(rc, now_us, &kind, out + RC_HEADER_BYTES);
+    return n > 0 ? finish(rc, now_us, kind, out, n) : 0;
+}
+
+/* A call after the timeout finds nothing in flight, or is taken for the next frame: at worst two overlap. */
+void rc_air_done(rc_radio *rc, uint64_t now_us, bool ok) {
+    if (!rc->flight.up)
+        return;
+    rc->flight.up = false;
+    if (ok)
+        rc->counters.sent++;
+    else
+        rc->counters.send_failed++;
+    uint8_t payload[RC_LINK_MAX_PAYLOAD];
+    rc_tell_host(rc, payload, rc_sent_encode(now_us, rc->flight.kind, rc->flight.sequence, ok, payload));
+}
