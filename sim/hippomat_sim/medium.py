@@ -1,152 +1,210 @@
-"""The air between the radios: airtime, carrier sense, loss, latency, duplicates and signal strength.
+"""The air between the radios: carrier sense, collisions, losses, latency, duplicates and signal strength.
 
-One channel, everybody within everybody's carrier: one transmission at a time, random back-off (802.11 DCF,
-6 Mbit/s OFDM; facts/firmware.md). Collisions of hidden nodes are not modelled; loss stands for them. Knows
+One channel. Who sends when is decided in carrier.py; a receiver gets a frame if it can hear the sender, sends
+nothing itself meanwhile, nothing that it can hear overlaps the frame, and the link does not lose it. Knows
 stations and bytes, not what the bytes mean. A pure function of seed, set-up and the calls made.
 """
 
 from __future__ import annotations
 
 import heapq
-import math
 import random
-from dataclasses import dataclass, field
-from typing import TypeAlias
+from collections.abc import Iterable, Sequence
 
-SLOT_US, DIFS_US, CONTENTION_SLOTS = 9, 28, 16
-_OVERHEAD_BYTES = 43  # 24 MAC + 8 + 7 (vendor action frame) + 4 FCS
+import numpy as np
+from numpy.typing import NDArray
+
+from hippomat_sim.air import (
+    AirSettings,
+    Ended,
+    Happening,
+    Heard,
+    Left,
+    StationCounts,
+    airtime_us,
+    hidden_pairs,
+)
+from hippomat_sim.carrier import Carrier, Transmission
+from hippomat_sim.losses import Draws, Losses
+
+__all__ = [
+    "AirSettings",
+    "Ended",
+    "Happening",
+    "Heard",
+    "Left",
+    "Medium",
+    "StationCounts",
+    "airtime_us",
+    "hidden_pairs",
+]
+
 _REFERENCE_DBM, _PATH_EXPONENT, _SHADOWING_DB = -40.0, 2.2, 2.0
-
-
-def airtime_us(payload_bytes: int) -> int:
-    """Airtime of a broadcast of at most 250 B at 6 Mbit/s OFDM: 61 B 170 us, 124 B 254 us, 250 B 422 us."""
-    bits = 16 + 8 * (_OVERHEAD_BYTES + payload_bytes) + 6  # service, frame, tail
-    return 20 + 4 * math.ceil(bits / 24) + 6  # preamble, symbols of 24 bits, 2.4 GHz signal extension
-
-
-@dataclass(frozen=True, slots=True)
-class AirSettings:
-    """What the air does to frames, the same on every link unless `link_loss` says otherwise."""
-
-    loss: float = 0.0  # probability that one receiver misses one frame
-    duplicate: float = 0.001  # probability that a received frame is received twice
-    latency_us: int = 60  # end of the frame to the receiving radio's callback
-    jitter_us: int = 40  # uniform, on top
-    link_loss: dict[tuple[int, int], float] = field(default_factory=dict)  # (sender, receiver)
-
-
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """A frame reaches a receiver."""
-
-    at_us: int
-    receiver: int
-    rssi_dbm: int
-    frame: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Left:
-    """A frame's transmission ended; its sender may send the next."""
-
-    at_us: int
-    sender: int
-    frame: bytes
-
-
-Happening: TypeAlias = Heard | Left
-
-
-@dataclass(slots=True)
-class StationCounts:
-    """Frames of one station: sent by it; received, lost and received twice by it."""
-
-    sent: int = 0
-    received: int = 0
-    lost: int = 0
-    duplicates: int = 0
-    air_us: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class _Waiting:
-    """A frame that wants the channel."""
-
-    asked_us: int
-    sender: int
-    frame: bytes
-    back_off_us: int
+_WEAKEST_DBM, _STRONGEST_DBM = -100, -10
+_BLOCK = 256
 
 
 class Medium:
     """`send` frames, then `pop` what happens, one by one in time order, sending the answers in between.
 
-    The calls' times never go back. Stations are numbered from 0; positions set the signal strength.
+    The calls' times never go back. Stations are numbered from 0; positions set the signal strength. pop()
+    tells each reception at its time; pop_ended() a whole transmission at its end: use one of both.
     """
 
     def __init__(self, stations: int, settings: AirSettings, seed: int) -> None:
-        self.positions_m: list[tuple[float, float]] = [(0.0, 0.0)] * stations
-        self.counts = [StationCounts() for _ in range(stations)]
         self._settings = settings
         self._random = random.Random(f"medium {seed}")
-        self._waiting: list[_Waiting] = []
-        self._free_us = -DIFS_US  # end of the last transmission
+        losses, fates, noise = np.random.SeedSequence(seed).spawn(3)
+        self._losses = Losses(stations, settings, np.random.default_rng(losses))
+        self._fates = Draws(np.random.default_rng(fates), 4 * stations)
+        self._noise_rng = np.random.default_rng(noise)
+        self._noise_db: NDArray[np.float64] = np.zeros((0, stations))
+        self._noise_used = 0
+        self._in_range = ~np.eye(stations, dtype=bool)
+        for a, b in settings.hidden:
+            self._in_range[a, b] = self._in_range[b, a] = False
+        self._hears = self._in_range  # (S, S) [sender, receiver]
+        self._carrier = Carrier(self._hears, settings.rate_mbps, self._random)
+        self.positions_m = [(0.0, 0.0)] * stations
         self._ahead: list[tuple[int, int, Happening]] = []  # heap by time, then order of creation
         self._created = 0
+        self._sent, self._air_us = [0] * stations, [0] * stations
+        self._tally = np.zeros((6, stations), np.int64)  # in the order of counts below
+
+    @property
+    def positions_m(self) -> Sequence[tuple[float, float]]:
+        """(S, 2) where the stations are."""
+        return self._positions_m
+
+    @positions_m.setter
+    def positions_m(self, positions_m: Sequence[tuple[float, float]]) -> None:
+        self._positions_m = positions_m
+        at_m = np.asarray(positions_m, float)
+        distance_m = np.hypot(*(at_m[:, None] - at_m).transpose(2, 0, 1))
+        self._mean_dbm = _REFERENCE_DBM - 10 * _PATH_EXPONENT * np.log10(np.maximum(distance_m, 0.1))
+
+    @property
+    def counts(self) -> list[StationCounts]:
+        """Per station, until now; a frame counts when it has left the air."""
+        tallies = zip(self._sent, self._air_us, self._tally.T.tolist(), strict=True)
+        return [
+            StationCounts(sent, received, lost, duplicates, air_us, collided, deaf, unreached)
+            for sent, air_us, (received, lost, duplicates, collided, deaf, unreached) in tallies
+        ]
+
+    def partition(self, parts: Iterable[Iterable[int]]) -> None:
+        """Stations hear and sense only those of their own part from now on; one in no part hears nobody."""
+        together = np.zeros_like(self._in_range)
+        for part in parts:
+            members = list(part)
+            together[np.ix_(members, members)] = True
+        self._hears = self._carrier.senses = self._in_range & together
+
+    def heal(self) -> None:
+        """The end of a partition."""
+        self._hears = self._carrier.senses = self._in_range
+
+    def hears(self, sender: int, receiver: int) -> bool:
+        """Whether the receiver is in reach of the sender now."""
+        return bool(self._hears[sender, receiver])
 
     def send(self, now_us: int, sender: int, frame: bytes) -> None:
         """Ask for the channel. The Left that follows says when the frame was out."""
-        back_off_us = SLOT_US * self._random.randrange(CONTENTION_SLOTS)
-        self._waiting.append(_Waiting(now_us, sender, frame, back_off_us))
+        delay_us = self._settings.driver_us + self._random.randint(0, self._settings.driver_jitter_us)
+        self._carrier.ask(now_us + delay_us, sender, frame)
 
     def next_us(self) -> int | None:
-        """When pop() has work again if nothing more is sent; None: the air is quiet."""
-        times = [self._start_us(waiting) for waiting in self._waiting]
-        if self._ahead:
-            times.append(self._ahead[0][0])
-        return min(times, default=None)
+        """When pop() or pop_ended() has work again if nothing more is sent; None: the air is quiet."""
+        carrier_us = self._carrier.next_us()
+        if not self._ahead:
+            return carrier_us
+        return self._ahead[0][0] if carrier_us is None else min(carrier_us, self._ahead[0][0])
 
     def pop(self, now_us: int) -> Happening | None:
         """The next thing that happens up to now_us, else None."""
         while True:
-            starts = [self._start_us(waiting) for waiting in self._waiting]
-            start_us = min(starts, default=now_us + 1)
-            if self._ahead and self._ahead[0][0] <= min(start_us, now_us):
-                return heapq.heappop(self._ahead)[2]
-            if start_us > now_us:
+            next_us = self.next_us()
+            if next_us is None or next_us > now_us:
                 return None
-            self._transmit(start_us, self._waiting.pop(starts.index(start_us)))
+            if self._ahead and self._ahead[0][0] == next_us:
+                return heapq.heappop(self._ahead)[2]
+            if (transmission := self._carrier.step(next_us)) is not None:
+                self._tell(self._ended(transmission))
+
+    def pop_ended(self, now_us: int) -> Ended | None:
+        """The next transmission that ends up to now_us, else None."""
+        while (next_us := self._carrier.next_us()) is not None and next_us <= now_us:
+            if (transmission := self._carrier.step(next_us)) is not None:
+                return self._ended(transmission)
+        return None
 
     def rssi_dbm(self, sender: int, receiver: int) -> int:
         """Signal strength of one frame: log-distance path loss and a random part."""
-        distance_m = math.dist(self.positions_m[sender], self.positions_m[receiver])
-        mean = _REFERENCE_DBM - 10 * _PATH_EXPONENT * math.log10(max(distance_m, 0.1))
-        return round(min(-10.0, max(-100.0, self._random.gauss(mean, _SHADOWING_DB))))
+        return int(self._rssi_dbm(sender)[receiver])
 
-    def _start_us(self, waiting: _Waiting) -> int:
-        """When this frame starts, if nobody else does before it."""
-        idle_us = self._free_us + DIFS_US
-        return waiting.asked_us if waiting.asked_us >= idle_us else idle_us + waiting.back_off_us
+    def _rssi_dbm(self, sender: int) -> NDArray[np.int8]:
+        if self._noise_used == len(self._noise_db):
+            stations = len(self._mean_dbm)
+            self._noise_db = self._noise_rng.normal(0.0, _SHADOWING_DB, (_BLOCK, stations))
+            self._noise_used = 0
+        dbm = np.rint(self._mean_dbm[sender] + self._noise_db[self._noise_used])
+        self._noise_used += 1
+        strength: NDArray[np.int8] = np.minimum(np.maximum(dbm, _WEAKEST_DBM), _STRONGEST_DBM).astype(np.int8)
+        return strength
 
-    def _transmit(self, start_us: int, waiting: _Waiting) -> None:
-        sender, frame, air = waiting.sender, waiting.frame, self._settings
-        end_us = start_us + airtime_us(len(frame))
-        self._free_us = end_us
-        self.counts[sender].sent += 1
-        self.counts[sender].air_us += end_us - start_us
-        self._add(Left(end_us, sender, frame))
-        for receiver in range(len(self.counts)):
-            if receiver == sender:
-                continue
-            if self._random.random() < air.link_loss.get((sender, receiver), air.loss):
-                self.counts[receiver].lost += 1
-                continue
-            again = self._random.random() < air.duplicate
-            self.counts[receiver].received += 1
-            self.counts[receiver].duplicates += again
-            for _ in range(1 + again):
-                arrival_us = end_us + air.latency_us + self._random.randint(0, air.jitter_us)
-                self._add(Heard(arrival_us, receiver, self.rssi_dbm(sender, receiver), frame))
+    def _ended(self, transmission: Transmission) -> Ended:
+        """Decides who receives it."""
+        sender, at_us, air = transmission.sender, transmission.end_us, self._settings
+        self._sent[sender] += 1
+        self._air_us[sender] += at_us - transmission.start_us
+        received = self._reaches(transmission)
+        late, late_by, twice, jitter = self._fates.row().reshape(4, -1)
+        arrivals_us = at_us + air.latency_us + (jitter * (air.jitter_us + 1)).astype(np.int64)
+        if air.late:
+            arrivals_us += np.where(late < air.late, late_by * air.late_us, 0.0).astype(np.int64)
+        receivers = np.flatnonzero(received)
+        again = receivers[twice[receivers] < air.duplicate]
+        if len(again):
+            self._tally[2, again] += 1
+            receivers = np.concatenate((receivers, again))
+        rssi_dbm = self._rssi_dbm(sender)
+        frame = transmission.frame
+        return Ended(at_us, sender, frame, receivers, arrivals_us[receivers], rssi_dbm[receivers])
+
+    def _reaches(self, transmission: Transmission) -> NDArray[np.bool_]:
+        """(S,) who receives it; counts why the others do not."""
+        sender, tally = transmission.sender, self._tally
+        open_to = self._hears[sender]
+        tally[5] += ~open_to
+        tally[5, sender] -= 1
+        if transmission.overlaps:
+            deaf, drowned = self._disturbed(transmission)
+            tally[4] += open_to & deaf
+            tally[3] += open_to & drowned & ~deaf
+            open_to = open_to & ~(deaf | drowned)
+        lost = self._losses.lost(transmission.end_us, sender)
+        received: NDArray[np.bool_] = open_to & ~lost
+        tally[0] += received
+        tally[1] += open_to & lost
+        return received
+
+    def _disturbed(self, transmission: Transmission) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """(S,) who sends itself meanwhile, and where another frame overlaps this one."""
+        deaf = np.zeros(len(self._mean_dbm), bool)
+        drowned = deaf.copy()
+        for other in transmission.overlaps:
+            deaf[other.sender] = True
+            ahead_db = self._mean_dbm[transmission.sender] - self._mean_dbm[other.sender]
+            drowned |= self._hears[other.sender] & (ahead_db < self._settings.capture_db)
+        return deaf, drowned
+
+    def _tell(self, ended: Ended) -> None:
+        self._add(Left(ended.at_us, ended.sender, ended.frame))
+        arrivals = zip(
+            ended.arrivals_us.tolist(), ended.receivers.tolist(), ended.rssi_dbm.tolist(), strict=True
+        )
+        for at_us, receiver, rssi_dbm in arrivals:
+            self._add(Heard(at_us, receiver, rssi_dbm, ended.frame, ended.sender))
 
     def _add(self, happening: Happening) -> None:
         self._created += 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import operator
 
 import pytest
 from hypothesis import given, settings
@@ -14,6 +15,7 @@ from hippomat_core.wire.codec import encode_body
 from hippomat_core.wire.frames import STOP, StopFrame
 from hippomat_core.wire.link import LINK_VERSION, Hello, SendBody, decode_message, encode_message
 from hippomat_core.wire.link import Heard as HeardMessage
+from hippomat_sim.carrier import DIFS_US, SENSE_US
 from hippomat_sim.devices.virtual_radio import VirtualRadio
 from hippomat_sim.medium import AirSettings, Happening, Heard, Left, Medium, airtime_us
 
@@ -65,7 +67,7 @@ def test_no_frame_reaches_its_sender_and_every_frame_leaves_once(
 def test_what_happens_depends_on_seed_and_send_times_only_and_comes_in_time_order(
     frames: list[tuple[int, int, bytes]], seed: int, pauses: list[int]
 ) -> None:
-    air = AirSettings(loss=0.2, duplicate=0.1)
+    air = AirSettings(loss=0.2, duplicate=0.1, bursts="link", late=0.1, hidden=frozenset({(0, 1), (2, 4)}))
     seen = happenings(frames, air, seed, pauses)
     assert seen == happenings(frames, air, seed, [])
     assert [h.at_us for h in seen] == sorted(h.at_us for h in seen)
@@ -73,10 +75,50 @@ def test_what_happens_depends_on_seed_and_send_times_only_and_comes_in_time_orde
 
 @given(sends, st.integers(0, 99))
 @settings(max_examples=60)
-def test_one_transmission_at_a_time(frames: list[tuple[int, int, bytes]], seed: int) -> None:
-    ends = [(h.at_us, h.frame) for h in happenings(frames, AirSettings(), seed, []) if isinstance(h, Left)]
-    for (end, _), (next_end, next_frame) in itertools.pairwise(ends):
-        assert next_end - airtime_us(len(next_frame)) >= end
+def test_who_can_sense_a_transmission_does_not_start_within_it(
+    frames: list[tuple[int, int, bytes]], seed: int
+) -> None:
+    left = [h for h in happenings(frames, AirSettings(), seed, []) if isinstance(h, Left)]
+    on_air = sorted((h.at_us - airtime_us(len(h.frame)), h.at_us) for h in left)
+    for (start, end), (next_start, _) in itertools.pairwise(on_air):
+        assert next_start - start < SENSE_US or next_start >= end + DIFS_US
+
+
+@given(sends, st.integers(0, 99))
+@settings(max_examples=60)
+def test_every_frame_is_accounted_for_at_every_receiver(
+    frames: list[tuple[int, int, bytes]], seed: int
+) -> None:
+    medium = Medium(5, AirSettings(loss=0.3, hidden=frozenset({(0, 1), (0, 2), (3, 4)})), seed)
+    for now_us, sender, frame in sorted(frames):
+        medium.send(now_us, sender, frame)
+    reached = 0
+    while (ended := medium.pop_ended(10**9)) is not None:
+        reached += len(set(ended.receivers.tolist()))
+    counts = medium.counts
+    assert sum(c.sent for c in counts) == len(frames)
+    for station, c in enumerate(counts):
+        missed = c.lost + c.collided + c.deaf + c.unreached
+        assert c.received + missed == sum(other.sent for other in counts) - counts[station].sent
+    assert sum(c.received for c in counts) == reached
+
+
+@given(sends, st.integers(0, 99))
+@settings(max_examples=30)
+def test_a_transmission_told_at_once_is_the_same_as_its_receptions_one_by_one(
+    frames: list[tuple[int, int, bytes]], seed: int
+) -> None:
+    air = AirSettings(loss=0.2, duplicate=0.1, late=0.2)
+    one_by_one = [h for h in happenings(frames, air, seed, []) if isinstance(h, Heard)]
+    medium = Medium(5, air, seed)
+    for now_us, sender, frame in sorted(frames):
+        medium.send(now_us, sender, frame)
+    at_once = []
+    while (ended := medium.pop_ended(10**9)) is not None:
+        for at_us, receiver, rssi in zip(ended.arrivals_us, ended.receivers, ended.rssi_dbm, strict=True):
+            at_once.append(Heard(int(at_us), int(receiver), int(rssi), ended.frame, ended.sender))
+    by_time = operator.attrgetter("at_us", "receiver", "sender", "frame", "rssi_dbm")
+    assert sorted(at_once, key=by_time) == sorted(one_by_one, key=by_time)
 
 
 def test_the_loss_rate_is_what_was_asked_for_on_every_link() -> None:
