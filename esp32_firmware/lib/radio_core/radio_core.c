@@ -56,6 +56,7 @@ void rc_init(rc_radio *rc, uint64_t now_us, const rc_config *config) {
     const rc_memory *memory = &rc->config.memory;
     rc->salt = salt_of(&config->about);
     rc->boot_ready = config->boot_kept || !memory->keyed;
+    rc->sequence = config->sequence & RC_MAX_SEQUENCE;
     rc->next_status_us = now_us;
     rc->listen_until_us = now_us + RC_LISTEN_ROUNDS * (uint64_t)rc_round_us(rc);
     rc->stop.counter = memory->stop_counter;

@@ -1,4 +1,4 @@
-"""What a radio keeps over a reboot, as a value: rc_memory of radio_core.h, both ways. Stores nothing itself."""
+"""What a radio keeps over a reboot, as a value: rc_memory of radio_core.h, both ways. Stores nothing."""
 
 from __future__ import annotations
 

@@ -51,8 +51,9 @@ class Condition:
 class Radio:
     """A radio from its boot on; a reboot is a new Radio with another boot_id and memory.counted().
 
-    now_us is the radio's own clock: microseconds since its boot, never going back. boot_kept: the boot counter in
-    `memory` was stored before this boot; a radio with a key sends nothing otherwise.
+    now_us is the radio's own clock: microseconds since its boot, never going back. boot_kept: the boot
+    counter in `memory` was stored before this boot; a radio with a key sends nothing otherwise. sequence:
+    numbers that were used in this boot already.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Radio:
         *,
         now_us: int = 0,
         boot_kept: bool = True,
+        sequence: int = 0,
         reset_reason: int = 1,
         firmware: str = "hippomat sim",
         git_hash: str = "",
@@ -81,9 +83,9 @@ class Radio:
         self._rc = ffi.cast("rc_radio *", self._memory)
         self._out = ffi.new("uint8_t[]", 4096)
         self._frame = ffi.new("uint8_t[]", lib.RC_MAX_FRAME)
-        lib.rc_init(self._rc, now_us, self._config(reply, memory, boot_kept))
+        lib.rc_init(self._rc, now_us, self._config(reply, memory, boot_kept, sequence))
 
-    def _config(self, reply: link.HelloReply, memory: Memory, boot_kept: bool) -> Any:
+    def _config(self, reply: link.HelloReply, memory: Memory, boot_kept: bool, sequence: int) -> Any:
         about = {
             "boot_id": reply.boot_id,
             "reset_reason": reply.reset_reason,
@@ -91,7 +93,7 @@ class Radio:
             "firmware": reply.firmware.encode(),
             "git_hash": reply.git_hash.encode(),
         }
-        config = {"about": about, "memory": memory.as_struct(), "boot_kept": boot_kept}
+        config = {"about": about, "memory": memory.as_struct(), "boot_kept": boot_kept, "sequence": sequence}
         if memory.key:
             from hippomat_sim.radio.cipher import load_cipher  # an OPEN fleet does without `cryptography`
 
