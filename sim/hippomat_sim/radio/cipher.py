@@ -17,7 +17,7 @@ TAG_BYTES = 8
 
 
 class AesCcm:
-    """RFC 3610 with an 8-byte tag: key 16 bytes, nonce 13, the header covered by the tag and not encrypted."""
+    """RFC 3610 with a tag of 8 bytes: key 16 bytes, nonce 13; the header is covered, not encrypted."""
 
     def seal(self, key: bytes, nonce: bytes, header: bytes, body: bytes) -> bytes:
         """The encrypted body and its tag."""
@@ -34,7 +34,7 @@ class AesCcm:
 class CipherPort:
     """A cipher as `rc_cipher`, for any number of radios of one library; must live as long as they do.
 
-    An error of the cipher is printed and reaches the core as a refusal: no exception crosses the C.
+    No exception crosses the C: an error of the cipher goes to sys.unraisablehook, the core sees a refusal.
     """
 
     def __init__(self, library: Library | None = None, cipher: AesCcm | None = None) -> None:
