@@ -96,7 +96,7 @@ def allocation() -> Result:
 
 
 def state_decoding() -> Result:
-    data = encode_frame(Header(STATE, 1, 2, 3, 4, 5), _state())
+    data = encode_frame(Header(STATE, False, 1, 2, 3, 4, 5), _state())
     library = load_library()
     return compare(
         f"STATE decoded and checked, M = {TASKS}",
@@ -108,7 +108,7 @@ def state_decoding() -> Result:
 
 def record_encoding() -> Result:
     store = MessageStore()
-    heard = StateHeard(1, 2, -40, Header(STATE, 1, 2, 3, 4, 5), _state())
+    heard = StateHeard(1, 2, 3, -40, Header(STATE, False, 1, 2, 3, 4, 5), _state())
     name = type_name(StateHeard)
     text = store.schema_text(name).decode()
     encoder = serialize_dynamic(name, text)[name]

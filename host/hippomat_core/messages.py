@@ -115,6 +115,7 @@ class ScanReceived:
 class StateHeard:
     stamp_ns: I64
     radio_time_us: U64  # the receiving radio's clock
+    fleet_time_us: U64  # and its fleet clock
     rssi_dbm: I8
     header: Header
     frame: StateFrame
@@ -124,6 +125,7 @@ class StateHeard:
 class RelayHeard:
     stamp_ns: I64
     radio_time_us: U64
+    fleet_time_us: U64
     rssi_dbm: I8
     header: Header
     frame: RelayFrame
@@ -133,6 +135,7 @@ class RelayHeard:
 class TasksHeard:
     stamp_ns: I64
     radio_time_us: U64
+    fleet_time_us: U64
     rssi_dbm: I8
     header: Header
     frame: TasksFrame
@@ -144,6 +147,7 @@ class StopHeard:
 
     stamp_ns: I64
     radio_time_us: U64
+    fleet_time_us: U64
     rssi_dbm: I8
     header: Header
     frame: StopFrame
@@ -162,25 +166,54 @@ class FrameSent:
 
 @dataclass(frozen=True, slots=True)
 class RadioStatus:
-    """1 Hz status of our radio; a changed boot_id means that it rebooted."""
+    """1 Hz status of our radio; a changed boot_id means that it rebooted. Bitmaps by robot id."""
 
     stamp_ns: I64
-    boot_id: U32
+    boot_id: U32  # random, new at each boot
     boot_counter: U32
-    reset_reason: U8
+    reset_reason: U8  # esp_reset_reason()
     uptime_us: U64
     robot: U8  # 255: listens only
     fleet: U8
     channel: U8
-    flags: U8  # bit 0: OPEN (no key), bit 1: fleet time agreed
+    rate_mbps: U8
+    flags: U16  # link.FLAG_OPEN ..
+    round_ms: U16
+    slots: U8
+    fleet_time_us: U64
+    stop_counter: U16  # of the highest STOP known
+    stop_resumed: U16  # and of the highest one answered
+    alive: U64  # heard within 3 s
+    rebooted: U64  # since the last status
+    babbling: U64  # sends too many frames
+    duplicate: U64  # its id is used by two radios
     sent: U32
     received: U32
+    relays: U32  # of those sent
     replaced: U32  # STATE overwritten in the mailbox before it was sent
     send_failed: U32
     dropped_foreign: U32  # other protocol version or fleet
     dropped_malformed: U32
-    dropped_duplicate: U32
-    dropped_usb: U32
+    dropped_seal: U32  # sealed without our having a key, or the other way round
+    dropped_forged: U32  # the tag is wrong
+    dropped_replayed: U32  # heard before, or of an older boot
+    dropped_impostor: U32  # another radio under the id of one that is alive
+    dropped_babble: U32  # of a sender with too many frames
+    dropped_usb: U32  # messages lost between radio and host, either way
+    firmware: str
+    git_hash: str
+
+
+@dataclass(frozen=True, slots=True)
+class RoundEnded:
+    """The last slot of a round is over and all that was heard in it has been handed on: decide now."""
+
+    stamp_ns: I64
+    round: U32  # of fleet time
+    fleet_time_us: U64
+    radio_time_us: U64
+    held: U64  # bit k: row k of this round was heard, relayed ones and our own included
+    agreed: bool  # fleet time is
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +240,7 @@ Event: TypeAlias = (
     | StopHeard
     | FrameSent
     | RadioStatus
+    | RoundEnded
     | LinkNoise
 )
 

@@ -36,6 +36,7 @@ from hippomat_core.messages import (
     PortOpened,
     RadioStatus,
     RelayHeard,
+    RoundEnded,
     ScanReceived,
     Started,
     StateHeard,
@@ -165,7 +166,7 @@ def _link_noise(state: State, event: LinkNoise) -> Stepped:
     return replace(state, alarms=state.alarms | {"noise"}), (alarm,)
 
 
-def _nothing(state: State, _: FrameSent) -> Stepped:
+def _nothing(state: State, _: FrameSent | RoundEnded) -> Stepped:
     return state, ()
 
 
@@ -183,5 +184,6 @@ _HANDLERS: dict[type, Callable[[State, Any], Stepped]] = {
     StopHeard: _stop_heard,
     FrameSent: _nothing,
     RadioStatus: _radio_status,
+    RoundEnded: _nothing,
     LinkNoise: _link_noise,
 }

@@ -22,7 +22,7 @@ from hippomat_host.probe import probe
 from hippomat_host.serial_port import BusyPort, present_ports
 
 # A radio without an id stays without one.
-_LISTENER = Hello(LINK_VERSION, NO_ROBOT, FleetConfig().id, FleetConfig().channel)
+_LISTENER = Hello(LINK_VERSION, NO_ROBOT, FleetConfig().id, FleetConfig().channel, 100, FleetConfig().size)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ Knows the three protocols through hippomat_core.wire, in both directions; what t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Protocol
 
 from hippomat_core import messages as m
@@ -39,11 +40,11 @@ def _payload_again(payload: bytes) -> bytes:
     message = link.decode_message(payload)
     if isinstance(message, link.Heard):
         frame = _or_same(message.frame, lambda data: codec.encode_frame(*codec.decode_frame(data)))
-        message = link.Heard(message.radio_time_us, message.rssi_dbm, frame)
+        message = replace(message, frame=frame)
     elif isinstance(message, link.SendBody):
         kind = message.kind
         body = _or_same(message.body, lambda data: codec.encode_body(codec.decode_body(kind, data)))
-        message = link.SendBody(kind, body)
+        message = replace(message, body=body)
     return link.encode_payload(message)
 
 

@@ -22,6 +22,7 @@ from hippomat_core.messages import (
     LinkNoise,
     RadioStatus,
     RelayHeard,
+    RoundEnded,
     ScanReceived,
     StateHeard,
     StopHeard,
@@ -31,7 +32,7 @@ from hippomat_core.wire import jetbot_base, rplidar
 from hippomat_core.wire.cobs import FrameDecoder
 from hippomat_core.wire.codec import decode_frame
 from hippomat_core.wire.frames import RelayFrame, StateFrame, TasksFrame
-from hippomat_core.wire.link import Heard, Sent, Status, decode_message
+from hippomat_core.wire.link import Heard, Round, Sent, Status, decode_message
 
 
 class DeviceDecoder(Protocol):
@@ -73,7 +74,7 @@ class _Noise:
 
 
 class RadioEvents:
-    """Messages of the radio. A HelloReply, and what only a host sends, is no event."""
+    """Messages of the radio. Its answers to questions, and what only a host sends, are no events."""
 
     def __init__(self) -> None:
         self._frames = FrameDecoder()
@@ -126,12 +127,14 @@ def _radio_event(stamp_ns: int, payload: bytes) -> Event | None:
         return FrameSent(stamp_ns, message.radio_time_us, message.kind, message.sequence, message.sent)
     if isinstance(message, Status):
         return RadioStatus(stamp_ns, **{name: getattr(message, name) for name in Status.__dataclass_fields__})
+    if isinstance(message, Round):
+        return RoundEnded(stamp_ns, **{name: getattr(message, name) for name in Round.__dataclass_fields__})
     return None
 
 
 def _heard_event(stamp_ns: int, heard: Heard) -> Event:
     header, frame = decode_frame(heard.frame)
-    at = (stamp_ns, heard.radio_time_us, heard.rssi_dbm, header)
+    at = (stamp_ns, heard.radio_time_us, heard.fleet_time_us, heard.rssi_dbm, header)
     if isinstance(frame, StateFrame):
         return StateHeard(*at, frame)
     if isinstance(frame, RelayFrame):

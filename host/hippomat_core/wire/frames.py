@@ -9,9 +9,12 @@ from dataclasses import dataclass
 
 from hippomat_core.fields import I16, U8, U16, U32, U64, U8Array
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 MAX_FRAME = 250  # ESP-NOW v1
+HEADER_BYTES = 16
 TAG_BYTES = 8  # AES-128-CCM, kept free in every frame's worst case
+MAX_BODY = MAX_FRAME - HEADER_BYTES - TAG_BYTES
+OPERATOR = 255  # sender of an operator's radio: TASKS, STOP and RESUME only
 NO_SLOT = 255
 UNREACHABLE = 255  # cost code
 MAX_INTENT_STEPS = 12
@@ -31,8 +34,9 @@ class Header:
     """First 16 bytes of every frame; the radio fills in boot, sequence and fleet time."""
 
     kind: U8
+    sealed: bool  # it came encrypted and authenticated; the radio has opened it
     fleet: U8
-    sender: U8
+    sender: U8  # robot id, or OPERATOR
     boot: U32  # boot counter of the sender's radio
     sequence: U32  # 24 bits, per sender and boot
     fleet_time_us: U64  # 48 bits
@@ -79,7 +83,7 @@ class StateFrame:
     intent_iy: U16
     intent_iz: U8
     intent_steps: U8Array  # (<= 12,) moves 0..26: (dx+1) + 3 (dy+1) + 9 (dz+1); 13 = stay
-    heard: U64  # bit k: robot k was heard in the last round
+    heard: U64  # bit k: robot k was heard directly; the radio writes it when it sends, the host gives 0
     endorsed: U8Array  # (N,) claim tag of robot k that the sender endorses, 0 = none
     fleet_digest: U32
     generations_digest: U32
@@ -88,7 +92,10 @@ class StateFrame:
 
 @dataclass(frozen=True, slots=True)
 class RelayRow:
-    """One peer's row as the relaying robot holds it; age in allocation rounds."""
+    """One robot's row as the relaying robot holds it; age in rounds before that of the frame's fleet time.
+
+    slot == NO_SLOT: no claim; generation, cost, confirmed, tag, place and ETA are 0.
+    """
 
     robot: U8
     age: U8
@@ -98,18 +105,21 @@ class RelayRow:
     cost: U8
     confirmed: bool
     tag: U8
-    x_cm: I16
+    localized: bool
+    stopped: bool
+    x_cm: I16  # of the claim's destination
     y_cm: I16
     z_cm: I16
     eta_s: U8
-    round_low: U8
     costs: U8Array  # (M,)
 
 
 @dataclass(frozen=True, slots=True)
 class RelayFrame:
-    """RELAY, two per round: rows that others miss; at most 5 at M = 30."""
+    """RELAY, two per round: rows that others miss; at most 5 at M = 30 and N <= 32."""
 
+    n: U8
+    held: U64  # bit k: the sender holds row k of this round, its own included
     rows: tuple[RelayRow, ...]
 
 

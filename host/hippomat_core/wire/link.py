@@ -1,4 +1,4 @@
-"""Messages on the USB link between a host and its radio, as values; each travels in one frame of cobs.py.
+"""Messages on the USB link to bytes and back; each travels in one frame of cobs.py.
 
 Strict like codec.py: every payload that decodes encodes to itself. Byte table:
 esp32_firmware/lib/radio_core/README.md; the same rules in C: link.c. Knows no air frame's inside.
@@ -7,111 +7,116 @@ esp32_firmware/lib/radio_core/README.md; the same rules in C: link.c. Knows no a
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
-from typing import TypeAlias
+from collections.abc import Callable
+from typing import Any
 
 from hippomat_core.config import MAX_ROBOTS
 from hippomat_core.errors import WireError
-from hippomat_core.fields import I8, U8, U32, U64
 from hippomat_core.wire import cobs
-from hippomat_core.wire.frames import MAX_FRAME, RESUME, STATE
-from hippomat_core.wire.other_bodies import HEADER_BYTES, MAX_BODY
+from hippomat_core.wire import frames as air
+from hippomat_core.wire.link_messages import (
+    FIRMWARE_BYTES,
+    FLAG_AGREED,
+    FLAG_OPEN,
+    FLAG_PASSIVE,
+    FLAG_PROVISIONED,
+    FLAG_STOPPED,
+    FLAG_UNSAFE,
+    GIT_HASH_BYTES,
+    KEY_BYTES,
+    LINK_VERSION,
+    MAC_BYTES,
+    MAX_CHANNEL,
+    NO_ROBOT,
+    OPEN_KEY,
+    PEER_ALIVE,
+    PEER_BABBLING,
+    PEER_DUPLICATE,
+    RATES_MBPS,
+    AskPeers,
+    Command,
+    Heard,
+    Hello,
+    HelloReply,
+    LinkMessage,
+    PeerReport,
+    Provision,
+    Provisioned,
+    Round,
+    SendBody,
+    Sent,
+    Status,
+)
 from hippomat_core.wire.packing import pack, require, whole_number
+from hippomat_core.wire.record_layout import RecordLayout
 
-LINK_VERSION = 1
-NO_ROBOT = 255  # an identity that listens only
-MAX_CHANNEL = 14  # 2.4 GHz
+__all__ = [
+    "FLAG_AGREED",
+    "FLAG_OPEN",
+    "FLAG_PASSIVE",
+    "FLAG_PROVISIONED",
+    "FLAG_STOPPED",
+    "FLAG_UNSAFE",
+    "HELLO_REPLY",
+    "KEY_BYTES",
+    "LINK_VERSION",
+    "NO_ROBOT",
+    "OPEN_KEY",
+    "PEER_ALIVE",
+    "PEER_BABBLING",
+    "PEER_DUPLICATE",
+    "RATES_MBPS",
+    "STATUS",
+    "AskPeers",
+    "Command",
+    "Heard",
+    "Hello",
+    "HelloReply",
+    "LinkMessage",
+    "PeerReport",
+    "Provision",
+    "Provisioned",
+    "Round",
+    "SendBody",
+    "Sent",
+    "Status",
+    "check_identity",
+    "decode_message",
+    "encode_message",
+    "encode_payload",
+]
 
-HELLO, SEND = 0x01, 0x02
-HELLO_REPLY, STATUS, HEARD, SENT = 0x81, 0x82, 0x83, 0x84
+HELLO, SEND, PROVISION, COMMAND, ASK_PEERS = range(0x01, 0x06)
+HELLO_REPLY, STATUS, HEARD, SENT, PROVISIONED, PEER, ROUND = range(0x81, 0x88)
+ROUND_MIN_MS, ROUND_MAX_MS = 50, 5000  # these and the next as in schedule.h
+PHASES, SLOT_MIN_US = 3, 1040
 
-
-@dataclass(frozen=True, slots=True)
-class Hello:
-    """Host -> radio: who the host takes itself for; robot 255: the host only listens."""
-
-    link_version: U8
-    robot: U8
-    fleet: U8
-    channel: U8
-
-
-@dataclass(frozen=True, slots=True)
-class SendBody:
-    """Host -> radio: put this body on the air; the radio writes the header."""
-
-    kind: U8
-    body: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class HelloReply:
-    """Radio -> host: what the radio is. Its identity wins; the host checks."""
-
-    link_version: U8
-    protocol_version: U8
-    boot_id: U32  # random, new at each boot
-    boot_counter: U32  # kept over boots, travels in every header
-    reset_reason: U8  # esp_reset_reason()
-    mac: bytes  # 6 B
-    robot: U8
-    fleet: U8
-    channel: U8
-    firmware: str  # at most 16 printable ASCII characters
-    git_hash: str  # at most 8
-
-
-@dataclass(frozen=True, slots=True)
-class Status:
-    """Radio -> host, 1 Hz; the fields of messages.RadioStatus without the stamp."""
-
-    boot_id: U32
-    boot_counter: U32
-    reset_reason: U8
-    uptime_us: U64
-    robot: U8
-    fleet: U8
-    channel: U8
-    flags: U8
-    sent: U32
-    received: U32
-    replaced: U32
-    send_failed: U32
-    dropped_foreign: U32
-    dropped_malformed: U32
-    dropped_duplicate: U32
-    dropped_usb: U32
-
-
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """Radio -> host: a frame from the air, whole, when and how loud it was heard."""
-
-    radio_time_us: U64
-    rssi_dbm: I8
-    frame: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Sent:
-    """Radio -> host: one of our frames left (sent) or was given up (not sent)."""
-
-    radio_time_us: U64
-    kind: U8
-    sequence: U32
-    sent: bool
-
-
-LinkMessage: TypeAlias = Hello | SendBody | HelloReply | Status | Heard | Sent
-
-_HELLO = struct.Struct("<BBBB")
-_REPLY_HEAD = struct.Struct("<BBIIB")
-_REPLY_IDENTITY = struct.Struct("<BBB")
-_STATUS = struct.Struct("<IIBQBBBBIIIIIIII")
-_HEARD = struct.Struct("<Qb")
-_SENT = struct.Struct("<QBIB")
-_REPLY_BYTES = _REPLY_HEAD.size + 6 + _REPLY_IDENTITY.size + 16 + 8
-_STATUS_FIELDS = tuple(Status.__dataclass_fields__)
+_KINDS: dict[int, type[LinkMessage]] = {
+    HELLO: Hello,
+    SEND: SendBody,
+    PROVISION: Provision,
+    COMMAND: Command,
+    ASK_PEERS: AskPeers,
+    HELLO_REPLY: HelloReply,
+    STATUS: Status,
+    HEARD: Heard,
+    SENT: Sent,
+    PROVISIONED: Provisioned,
+    PEER: PeerReport,
+    ROUND: Round,
+}
+_TYPES = {kind: number for number, kind in _KINDS.items()}
+_SIZES = {"mac": MAC_BYTES, "firmware": FIRMWARE_BYTES, "git_hash": GIT_HASH_BYTES}
+_LAYOUTS: dict[type, RecordLayout[Any]] = {
+    kind: RecordLayout(kind, _SIZES)
+    for kind in (Hello, Command, AskPeers, HelloReply, Status, Sent, Provisioned, PeerReport, Round)
+}
+_HEARD = struct.Struct("<QQb")
+_PROVISION = struct.Struct("<BBBBBB")
+_UNIX_S = struct.Struct("<I")
+_PROVISION_BYTES = _PROVISION.size + KEY_BYTES + _UNIX_S.size
+_ALL_FLAGS = FLAG_OPEN | FLAG_AGREED | FLAG_PASSIVE | FLAG_STOPPED | FLAG_UNSAFE | FLAG_PROVISIONED
+_PEER_FLAGS = PEER_ALIVE | PEER_BABBLING | PEER_DUPLICATE
 
 
 def encode_message(message: LinkMessage) -> bytes:
@@ -121,55 +126,77 @@ def encode_message(message: LinkMessage) -> bytes:
 
 def encode_payload(message: LinkMessage) -> bytes:
     """The message before framing: type byte and fields."""
-    if isinstance(message, Hello):
-        check_identity(message.robot, message.channel)
-        fields = (message.link_version, message.robot, message.fleet, message.channel)
-        names = ("link_version", "robot", "fleet", "channel")
-        return bytes([HELLO]) + pack(_HELLO, "Hello", **dict(zip(names, fields, strict=True)))
+    _check(message)
+    start = bytes([_TYPES[type(message)]])
+    return start + _fields_to_bytes(message)
+
+
+def _fields_to_bytes(message: LinkMessage) -> bytes:
     if isinstance(message, SendBody):
-        kind = whole_number("SendBody.kind", message.kind, STATE, RESUME)
-        return bytes([SEND, kind]) + _bounded("SendBody.body", message.body, 1, MAX_BODY)
-    if isinstance(message, HelloReply):
-        return bytes([HELLO_REPLY]) + _encode_reply(message)
-    if isinstance(message, Status):
-        check_identity(message.robot, message.channel)
-        values = {name: getattr(message, name) for name in _STATUS_FIELDS}
-        return bytes([STATUS]) + pack(_STATUS, "Status", **values)
+        return bytes([message.kind]) + message.body
     if isinstance(message, Heard):
-        head = pack(_HEARD, "Heard", radio_time_us=message.radio_time_us, rssi_dbm=message.rssi_dbm)
-        return bytes([HEARD]) + head + _bounded("Heard.frame", message.frame, HEADER_BYTES, MAX_FRAME)
-    _check_sent(message.kind, message.sequence, message.sent)
-    fields_ = {"radio_time_us": message.radio_time_us, "kind": message.kind, "sequence": message.sequence}
-    return bytes([SENT]) + pack(_SENT, "Sent", **fields_, sent=int(message.sent))
+        times = {"radio_time_us": message.radio_time_us, "fleet_time_us": message.fleet_time_us}
+        return pack(_HEARD, "Heard", **times, rssi_dbm=message.rssi_dbm) + message.frame
+    if isinstance(message, Provision):
+        return _encode_provision(message)
+    return _LAYOUTS[type(message)].encode(message)
 
 
 def decode_message(payload: bytes) -> LinkMessage:
     """The inverse of encode_payload, for payloads that FrameDecoder gave out."""
     if not payload:
         raise WireError("link payload of 0 bytes: a message begins with its type")
-    kind, rest = payload[0], payload[1:]
-    if kind == HELLO:
-        link_version, robot, fleet, channel = _exact("Hello", _HELLO, rest)
-        check_identity(robot, channel)
-        return Hello(link_version, robot, fleet, channel)
-    if kind == SEND:
-        _bounded("SendBody body", rest[1:], 1, MAX_BODY)
-        return SendBody(whole_number("SendBody.kind", rest[0], STATE, RESUME), rest[1:])
-    if kind == HELLO_REPLY:
-        return _decode_reply(rest)
-    if kind == STATUS:
-        status = Status(*_exact("Status", _STATUS, rest))
-        check_identity(status.robot, status.channel)
-        return status
-    if kind == HEARD:
-        frame = _bounded("Heard.frame", rest[_HEARD.size :], HEADER_BYTES, MAX_FRAME)
-        radio_time_us, rssi_dbm = _HEARD.unpack_from(rest)
-        return Heard(radio_time_us, rssi_dbm, frame)
-    if kind == SENT:
-        radio_time_us, frame_kind, sequence, sent = _exact("Sent", _SENT, rest)
-        _check_sent(frame_kind, sequence, sent)
-        return Sent(radio_time_us, frame_kind, sequence, bool(sent))
-    raise WireError(f"link message type 0x{kind:02x} is unknown: host and radio speak different versions?")
+    kind = _KINDS.get(payload[0])
+    if kind is None:
+        kind_text = f"0x{payload[0]:02x}"
+        raise WireError(f"link message type {kind_text} is unknown: host and radio speak different versions?")
+    message = _DECODERS[kind](bytes(payload[1:]))
+    _check(message)
+    return message
+
+
+def _decode_heard(rest: bytes) -> Heard:
+    require(len(rest) >= _HEARD.size, "Heard length", len(rest), f"is less than {_HEARD.size}")
+    radio_time_us, fleet_time_us, rssi_dbm = _HEARD.unpack_from(rest)
+    return Heard(radio_time_us, fleet_time_us, rssi_dbm, rest[_HEARD.size :])
+
+
+def _decode_send(rest: bytes) -> SendBody:
+    require(len(rest) >= 1, "SendBody length", len(rest), "is less than 1")
+    return SendBody(rest[0], rest[1:])
+
+
+def _encode_provision(message: Provision) -> bytes:
+    start = pack(
+        _PROVISION,
+        "Provision",
+        link_version=message.link_version,
+        robot=message.robot,
+        fleet=message.fleet,
+        channel=message.channel,
+        rate_mbps=message.rate_mbps,
+        keyed=int(message.key != OPEN_KEY),
+    )
+    key = message.key or bytes(KEY_BYTES)
+    return start + key + pack(_UNIX_S, "Provision", unix_s=message.unix_s)
+
+
+def _decode_provision(rest: bytes) -> Provision:
+    require(len(rest) == _PROVISION_BYTES, "Provision length", len(rest), f"is not {_PROVISION_BYTES}")
+    link_version, robot, fleet, channel, rate_mbps, keyed = _PROVISION.unpack_from(rest)
+    key = rest[_PROVISION.size : -_UNIX_S.size]
+    whole_number("Provision.keyed", keyed, 0, 1)
+    require(keyed == 1 or not any(key), "Provision.key", "of an OPEN fleet", "is not 16 zeros")
+    (unix_s,) = _UNIX_S.unpack_from(rest, _PROVISION.size + KEY_BYTES)
+    return Provision(link_version, robot, fleet, channel, rate_mbps, key if keyed else OPEN_KEY, unix_s)
+
+
+_DECODERS: dict[type, Callable[[bytes], LinkMessage]] = {
+    **{kind: layout.decode for kind, layout in _LAYOUTS.items()},
+    Heard: _decode_heard,
+    SendBody: _decode_send,
+    Provision: _decode_provision,
+}
 
 
 def check_identity(robot: int, channel: int) -> None:
@@ -179,67 +206,64 @@ def check_identity(robot: int, channel: int) -> None:
     whole_number("channel", channel, 1, MAX_CHANNEL)
 
 
-def _check_sent(kind: int, sequence: int, sent: int) -> None:
-    whole_number("Sent.kind", kind, STATE, RESUME)
-    whole_number("Sent.sequence", sequence, 0, 2**24 - 1)
-    require(sent in (0, 1), "Sent.sent", sent, "is not 0 or 1")
+def check_schedule(round_ms: int, slots: int) -> None:
+    """A round that has room for three phases of the shortest slots."""
+    whole_number("round_ms", round_ms, ROUND_MIN_MS, ROUND_MAX_MS)
+    room = min(MAX_ROBOTS, round_ms * 1000 // (PHASES * SLOT_MIN_US))
+    rule = f"are outside 1 .. {room}, what a round of {round_ms} ms has room for"
+    require(1 <= whole_number("slots", slots, 0, 255) <= room, "slots", slots, rule)
 
 
-def _encode_reply(reply: HelloReply) -> bytes:
-    check_identity(reply.robot, reply.channel)
-    head = pack(
-        _REPLY_HEAD,
-        "HelloReply",
-        link_version=reply.link_version,
-        protocol_version=reply.protocol_version,
-        boot_id=reply.boot_id,
-        boot_counter=reply.boot_counter,
-        reset_reason=reply.reset_reason,
-    )
-    identity = {"robot": reply.robot, "fleet": reply.fleet, "channel": reply.channel}
-    return b"".join(
-        (
-            head,
-            _bounded("HelloReply.mac", reply.mac, 6, 6),
-            pack(_REPLY_IDENTITY, "HelloReply", **identity),
-            _encode_text("HelloReply.firmware", reply.firmware, 16),
-            _encode_text("HelloReply.git_hash", reply.git_hash, 8),
+def check_key(key: bytes) -> None:
+    """OPEN_KEY, or 16 bytes that are not all zero: nobody's key is, but an empty file's may be."""
+    require(len(key) in (0, KEY_BYTES), "key length", len(key), f"is not {KEY_BYTES} (0: OPEN)")
+    require(key == OPEN_KEY or any(key), "key", "of 16 zeros", "protects nothing: OPEN is an empty key")
+
+
+def _check(message: LinkMessage) -> None:
+    """The ranges that are narrower than the fields."""
+    if isinstance(message, Heard):
+        high = air.MAX_FRAME - air.TAG_BYTES
+        _check_length("Heard.frame", message.frame, air.HEADER_BYTES, high)
+    elif isinstance(message, SendBody):
+        require(
+            message.kind in (air.STATE, air.TASKS), "SendBody.kind", message.kind, "is not STATE or TASKS"
         )
-    )
+        _check_length("SendBody.body", message.body, 1, air.MAX_BODY)
+    elif isinstance(message, Sent):
+        whole_number("Sent.kind", message.kind, air.STATE, air.RESUME)
+        whole_number("Sent.sequence", message.sequence, 0, 2**24 - 1)
+    elif isinstance(message, Command):
+        _check_command(message)
+    elif isinstance(message, PeerReport):
+        who = message.robot
+        require(who == air.OPERATOR or who < MAX_ROBOTS, "PeerReport.robot", who, "is no sender")
+        whole_number("PeerReport.sequence", message.sequence, 0, 2**24 - 1)
+        whole_number("PeerReport.flags", message.flags, 0, _PEER_FLAGS)
+    elif isinstance(message, Hello | Provision | HelloReply | Status):
+        _check_radio(message)
 
 
-def _decode_reply(data: bytes) -> HelloReply:
-    require(len(data) == _REPLY_BYTES, "HelloReply length", len(data), f"is not {_REPLY_BYTES}")
-    mac_at = _REPLY_HEAD.size
-    robot, fleet, channel = _REPLY_IDENTITY.unpack_from(data, mac_at + 6)
-    check_identity(robot, channel)
-    firmware = _decode_text("HelloReply.firmware", data[-24:-8])
-    git_hash = _decode_text("HelloReply.git_hash", data[-8:])
-    mac = data[mac_at : mac_at + 6]
-    link, protocol, boot_id, boot_counter, reason = _REPLY_HEAD.unpack_from(data)
-    return HelloReply(
-        link, protocol, boot_id, boot_counter, reason, mac, robot, fleet, channel, firmware, git_hash
-    )
+def _check_command(message: Command) -> None:
+    known = message.kind in (air.STOP, air.RESUME)
+    require(known, "Command.kind", message.kind, "is not STOP or RESUME")
+    free = message.kind == air.RESUME or message.counter == 0
+    require(free, "Command.counter", message.counter, "is not 0: a STOP's counter is the radio's choice")
 
 
-def _encode_text(field: str, text: str, size: int) -> bytes:
-    fits = len(text) <= size and all(" " <= character <= "~" for character in text)
-    require(fits, field, text, f"is not at most {size} printable ASCII characters")
-    return text.encode().ljust(size, b"\0")
+def _check_radio(message: Hello | Provision | HelloReply | Status) -> None:
+    check_identity(message.robot, message.channel)
+    if isinstance(message, Provision):
+        check_key(message.key)
+    else:
+        check_schedule(message.round_ms, message.slots)
+    if not isinstance(message, Hello):
+        require(
+            message.rate_mbps in RATES_MBPS, "rate_mbps", message.rate_mbps, f"is not one of {RATES_MBPS}"
+        )
+    if isinstance(message, HelloReply | Status):
+        whole_number("flags", message.flags, 0, _ALL_FLAGS)
 
 
-def _decode_text(field: str, data: bytes) -> str:
-    text = data.rstrip(b"\0")
-    require(all(32 <= byte <= 126 for byte in text), field, data, "is not printable ASCII, zeros behind")
-    return text.decode()
-
-
-def _exact(what: str, layout: struct.Struct, data: bytes) -> tuple[int, ...]:
-    require(len(data) == layout.size, f"{what} length", len(data), f"is not {layout.size}")
-    return layout.unpack(data)
-
-
-def _bounded(field: str, data: bytes, low: int, high: int) -> bytes:
-    fits = low <= len(data) <= high
-    require(fits, f"{field} length", len(data), f"is outside {low} .. {high}")
-    return bytes(data)
+def _check_length(field: str, data: bytes, low: int, high: int) -> None:
+    require(low <= len(data) <= high, f"{field} length", len(data), f"is outside {low} .. {high}")

@@ -15,32 +15,37 @@ from hippomat_core.wire import frames as air
 from hippomat_core.wire.frames import RelayFrame, RelayRow, StopFrame, TasksFrame, TaskSlot
 from hippomat_core.wire.packing import byte_array, pack, require, whole_number
 
-HEADER_BYTES = 16
-MAX_BODY = air.MAX_FRAME - HEADER_BYTES - air.TAG_BYTES
-RELAY_ROW_BYTES = 15  # without the costs
+RELAY_ROW_BYTES = 14  # without the costs
 TASK_ROW_BYTES = 10
-MAX_TASK_ROWS = MAX_BODY // TASK_ROW_BYTES
+MAX_TASK_ROWS = air.MAX_BODY // TASK_ROW_BYTES
 
-_RELAY_ROW = struct.Struct("<BBBHBBhhhBB")
+_RELAY_ROW = struct.Struct("<BBBHBBhhhB")
 _TASK_ROW = struct.Struct("<BHBhhh")
 _STOP = struct.Struct("<HBB")
 
 
 def encode_relay(frame: RelayFrame) -> bytes:
     require(len(frame.rows) > 0, "RELAY.rows", frame.rows, "is empty: send no frame instead")
-    m = np.size(frame.rows[0].costs)
-    body = bytes([whole_number("RELAY.m", m, 1, MAX_TASK_SLOTS)])
-    body += b"".join(_encode_row(row, m) for row in frame.rows)
-    room = (MAX_BODY - 1) // (RELAY_ROW_BYTES + m)
-    require(
-        len(body) <= MAX_BODY, "RELAY rows", len(frame.rows), f"are more than {room}, the most at M = {m}"
-    )
+    m = whole_number("RELAY.m", np.size(frame.rows[0].costs), 1, MAX_TASK_SLOTS)
+    n = whole_number("RELAY.n", frame.n, 1, MAX_ROBOTS)
+    held = whole_number("RELAY.held", frame.held, 0, 2**n - 1)
+    rows_at = _rows_at(n)
+    body = bytes([m, n]) + held.to_bytes(rows_at - 2, "little")
+    body += b"".join(_encode_row(row, n, m) for row in frame.rows)
+    room = (air.MAX_BODY - rows_at) // (RELAY_ROW_BYTES + m)
+    rule = f"are more than {room}, the most at N = {n}, M = {m}"
+    require(len(frame.rows) <= room, "RELAY rows", len(frame.rows), rule)
     return body
 
 
-def _encode_row(row: RelayRow, m: int) -> bytes:
-    _check_row(row, m)
+def _rows_at(n: int) -> int:
+    return 2 + -(-n // 8)
+
+
+def _encode_row(row: RelayRow, n: int, m: int) -> bytes:
+    _check_row(row, n, m)
     costs = byte_array("RELAY.costs", row.costs, (m, m), 255)
+    bits = int(row.confirmed) | row.tag << 1 | row.status << 3
     head = pack(
         _RELAY_ROW,
         "RELAY",
@@ -49,41 +54,45 @@ def _encode_row(row: RelayRow, m: int) -> bytes:
         slot=row.slot,
         generation=row.generation,
         cost=row.cost,
-        tag=int(row.confirmed) | row.tag << 1 | row.status << 3,
+        bits=bits | int(row.localized) << 6 | int(row.stopped) << 7,
         x_cm=row.x_cm,
         y_cm=row.y_cm,
         z_cm=row.z_cm,
         eta_s=row.eta_s,
-        round_low=row.round_low,
     )
     return head + costs.tobytes()
 
 
 def decode_relay(body: bytes) -> RelayFrame:
-    require(1 <= len(body) <= MAX_BODY, "RELAY length", len(body), f"is outside 1 .. {MAX_BODY}")
+    require(2 <= len(body) <= air.MAX_BODY, "RELAY length", len(body), f"is outside 2 .. {air.MAX_BODY}")
     m = whole_number("RELAY.m", body[0], 1, MAX_TASK_SLOTS)
-    size = RELAY_ROW_BYTES + m
-    count, rest = divmod(len(body) - 1, size)
-    require(count > 0 and rest == 0, "RELAY length", len(body), f"is not 1 + rows of {size}")
-    rows = []
-    for at in range(1, len(body), size):
-        robot, age, slot, generation, cost, tag, x, y, z, eta, low = _RELAY_ROW.unpack_from(body, at)
-        costs = np.frombuffer(body, np.uint8, m, at + RELAY_ROW_BYTES)
-        confirmed, claim_tag, status = bool(tag & 1), tag >> 1 & 3, tag >> 3
-        claim = (slot, generation, cost, confirmed, claim_tag)
-        row = RelayRow(robot, age, status, *claim, x, y, z, eta, low, costs)
-        _check_row(row, m)
-        rows.append(row)
-    return RelayFrame(tuple(rows))
+    n = whole_number("RELAY.n", body[1], 1, MAX_ROBOTS)
+    rows_at, size = _rows_at(n), RELAY_ROW_BYTES + m
+    count, rest = divmod(len(body) - rows_at, size)
+    require(count > 0 and rest == 0, "RELAY length", len(body), f"is not {rows_at} + rows of {size}")
+    held = int.from_bytes(body[2:rows_at], "little")
+    require(held < 1 << n, "RELAY.held", held, f"names robots beyond N = {n}")
+    return RelayFrame(n, held, tuple(_decode_row(body, at, n, m) for at in range(rows_at, len(body), size)))
 
 
-def _check_row(row: RelayRow, m: int) -> None:
-    whole_number("RELAY.robot", row.robot, 0, MAX_ROBOTS - 1)
+def _decode_row(body: bytes, at: int, n: int, m: int) -> RelayRow:
+    robot, age, slot, generation, cost, bits, x, y, z, eta = _RELAY_ROW.unpack_from(body, at)
+    costs = np.frombuffer(body, np.uint8, m, at + RELAY_ROW_BYTES)
+    status, localized, stopped = bits >> 3 & 7, bool(bits >> 6 & 1), bool(bits >> 7)
+    claim = (slot, generation, cost, bool(bits & 1), bits >> 1 & 3)
+    row = RelayRow(robot, age, status, *claim, localized, stopped, x, y, z, eta, costs)
+    _check_row(row, n, m)
+    return row
+
+
+def _check_row(row: RelayRow, n: int, m: int) -> None:
+    whole_number("RELAY.robot", row.robot, 0, n - 1)
     whole_number("RELAY.status", row.status, air.IDLE, air.LOST)
-    require(row.confirmed in (False, True), "RELAY.confirmed", row.confirmed, "is not a bool")
+    for name in ("confirmed", "localized", "stopped"):
+        require(getattr(row, name) in (False, True), f"RELAY.{name}", getattr(row, name), "is not a bool")
     if row.slot == air.NO_SLOT:
-        claim = (row.generation, row.cost, int(row.confirmed), row.tag)
-        require(claim == (0, 0, 0, 0), "RELAY claim", claim, "has no slot: its other fields must be 0")
+        claim = (row.generation, row.cost, row.confirmed, row.tag, row.x_cm, row.y_cm, row.z_cm, row.eta_s)
+        require(not any(claim), "RELAY claim", claim, "has no slot: its other fields must be 0")
     else:
         whole_number("RELAY.slot", row.slot, 0, m - 1)
         whole_number("RELAY.tag", row.tag, 1, 3)

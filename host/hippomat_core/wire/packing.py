@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hippomat_core.errors import WireError
 
-_RANGES = {
+RANGES = {
     "B": (0, 2**8 - 1),
     "b": (-(2**7), 2**7 - 1),
     "H": (0, 2**16 - 1),
@@ -36,7 +36,7 @@ def pack(layout: struct.Struct, what: str, **fields: int) -> bytes:
         return layout.pack(*fields.values())
     except (struct.error, TypeError):
         for code, (name, value) in zip(layout.format[1:], fields.items(), strict=True):
-            whole_number(f"{what}.{name}", value, *_RANGES[code])
+            whole_number(f"{what}.{name}", value, *RANGES[code])
         raise
 
 

@@ -17,7 +17,10 @@ import cffi
 
 from hippomat_sim.radio.build import BuildError, build_library, find_compiler, source_directory
 
-HEADERS = ("frame.h", "cobs.h", "link.h", "radio_core.h")  # each needs those before it
+HEADERS = (  # each needs those before it
+    *("frame.h", "cobs.h", "seal.h", "schedule.h", "link.h", "fleet_time.h", "relay_table.h"),
+    *("peers.h", "stop.h", "radio_core.h"),
+)
 _MARKED = re.compile(r"/\* cdef: begin \*/(.*?)/\* cdef: end \*/", re.DOTALL)
 
 
@@ -45,8 +48,20 @@ def load_library(sanitize: bool = False) -> Library:
     """
     given = os.environ.get("HIPPOMAT_RADIO_LIBRARY")
     path = Path(given) if given else build_library(find_compiler(), sanitize)
+    return _opened(path, declarations())
+
+
+@functools.cache
+def load_fleet_library(sanitize: bool = False) -> Library:
+    """The same with fleet_driver.h, which drives many radios in one call."""
+    header, source = (Path(__file__).with_name(name) for name in ("fleet_driver.h", "fleet_driver.c"))
+    path = build_library(find_compiler(), sanitize, extra=(header, source))
+    return _opened(path, "\n".join((declarations(), *_MARKED.findall(header.read_text()))))
+
+
+def _opened(path: Path, declared: str) -> Library:
     ffi = cffi.FFI()
-    ffi.cdef(declarations())
+    ffi.cdef(declared)
     try:
         lib = ffi.dlopen(str(path))
     except OSError as error:
