@@ -68,14 +68,17 @@ def find_compiler() -> Compiler:
     raise BuildError("no C compiler found (tried $CC, cc, gcc, clang, ziglang): run `pip install ziglang`")
 
 
-def build_library(compiler: Compiler, sanitize: bool = False, cache: Path | None = None) -> Path:
-    """The shared library, from the cache where it was built before."""
+def build_library(
+    compiler: Compiler, sanitize: bool = False, cache: Path | None = None, extra: tuple[Path, ...] = ()
+) -> Path:
+    """The shared library, from the cache where it was built before. extra: C files and headers beside the core."""
     sources = source_directory()
-    flags = FLAGS + (SANITIZE_FLAGS if sanitize else ())
+    files = [*sorted(sources.glob("*.[ch]")), *extra]
+    flags = (*FLAGS, *(SANITIZE_FLAGS if sanitize else ()), f"-I{sources}")
     cache = cache or Path(platformdirs.user_cache_dir("hippomat", appauthor=False))
-    target = cache / f"radio_core-{_fingerprint(sources, compiler, flags)}.so"
+    target = cache / f"radio_core-{_fingerprint(files, compiler, flags)}.so"
     if not target.is_file():
-        _compile(compiler, flags, sources, target)
+        _compile(compiler, flags, files, target)
     return target
 
 
@@ -94,21 +97,21 @@ def _answering(command: tuple[str, ...]) -> Compiler | None:
     return Compiler(command, answer.stdout)
 
 
-def _fingerprint(sources: Path, compiler: Compiler, flags: tuple[str, ...]) -> str:
+def _fingerprint(files: list[Path], compiler: Compiler, flags: tuple[str, ...]) -> str:
     digest = hashlib.sha256(repr((compiler.command, compiler.version, flags)).encode())
-    for file in sorted(sources.glob("*.[ch]")):
+    for file in files:
         digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
     return digest.hexdigest()[:20]
 
 
-def _compile(compiler: Compiler, flags: tuple[str, ...], sources: Path, target: Path) -> None:
-    files = sorted(str(file) for file in sources.glob("*.c"))
+def _compile(compiler: Compiler, flags: tuple[str, ...], files: list[Path], target: Path) -> None:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         # Several processes may build at once: each compiles for itself, the last rename wins, all are alike.
         with tempfile.TemporaryDirectory(dir=target.parent, prefix="build-") as scratch:
             output = Path(scratch) / target.name
-            command = [*compiler.command, *flags, *files, "-o", str(output)]
+            units = [str(file) for file in files if file.suffix == ".c"]
+            command = [*compiler.command, *flags, *units, "-o", str(output)]
             result = subprocess.run(command, capture_output=True, text=True, check=False)
             if result.returncode != 0:
                 said = result.stderr.strip()
