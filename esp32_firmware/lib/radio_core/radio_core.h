@@ -51,7 +51,8 @@ typedef struct {
 typedef struct {
     rc_about about;
     rc_memory memory;
-    bool boot_kept;   /* the boot counter of this boot was stored before now */
+    bool boot_kept;    /* the boot counter of this boot was stored before now */
+    uint32_t sequence; /* numbers used already in this boot: 0 after a reset */
     rc_cipher cipher; /* all NULL where no key will ever be used */
 } rc_config;
 
