@@ -52,12 +52,12 @@ class Seat:
 
     def hear(self, robot: int, frame: StateFrame, boot: int = 1, sequence: int | None = None) -> list[Effect]:
         self.sequence += 1
-        header = Header(STATE, 1, robot, boot, self.sequence if sequence is None else sequence, 0)
+        header = Header(STATE, False, 1, robot, boot, self.sequence if sequence is None else sequence, 0)
         self.fleet, effects = heard_state(self.fleet, self.now_ns, header, frame, -40 - robot)
         return effects
 
     def hear_tasks(self, robot: int, *slots: TaskSlot) -> list[Effect]:
-        header = Header(TASKS, 1, robot, 1, 0, 0)
+        header = Header(TASKS, False, 1, robot, 1, 0, 0)
         self.fleet, effects = heard_tasks(self.fleet, self.now_ns, header, TasksFrame(slots))
         return effects
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from radio_samples import radio_status
 
 from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
@@ -20,7 +21,6 @@ from hippomat_core.messages import (
     Event,
     MapReceived,
     PortOpened,
-    RadioStatus,
     ScanReceived,
     SendState,
     SendTasks,
@@ -125,7 +125,7 @@ class FleetWorld:
         body.take(self._feedback(body, stamp_ns))
         body.take(full_sweep(stamp_ns))
         if (stamp_ns - self.bodies[0].state.started_ns) % 1_000_000_000 < TICK_NS:
-            body.take(RadioStatus(stamp_ns, 7, 1, 1, 0, robot, 1, 6, 1, 0, 0, 0, 0, 0, 0, 0, 0))
+            body.take(radio_status(stamp_ns, boot_id=7, robot=robot))
         for effect in body.take(Tick(stamp_ns)):
             if isinstance(effect, Drive):
                 body.v_mps, body.wz_radps = effect.v_mps, effect.wz_radps
@@ -147,15 +147,15 @@ class FleetWorld:
         body = self.bodies[sender]
         body.sequence += 1
         kind = STATE if isinstance(effect, SendState) else TASKS
-        header = Header(kind, 1, sender, 1, body.sequence, stamp_ns // 1000)
+        header = Header(kind, False, 1, sender, 1, body.sequence, stamp_ns // 1000)
         for receiver, other in enumerate(self.bodies):
             if receiver == sender or self.random.random() < self.loss:
                 continue
             at_ns = max(stamp_ns, other.events[-1].stamp_ns) + 200_000
             if isinstance(effect, SendState):
-                other.take(StateHeard(at_ns, 0, -50, header, effect.frame))
+                other.take(StateHeard(at_ns, 0, 0, -50, header, effect.frame))
             else:
-                other.take(TasksHeard(at_ns, 0, -50, header, effect.frame))
+                other.take(TasksHeard(at_ns, 0, 0, -50, header, effect.frame))
 
     def nearest_m(self) -> float:
         """The smallest distance between two robots' centres right now."""

@@ -134,7 +134,8 @@ def test_the_vote_for_a_claim_in_service_revives_with_its_owner_and_for_nobody_e
 
 def relayed(held: ClaimId) -> RelayRow:
     return RelayRow(
-        held.robot, 0, 1, held.slot, held.generation, held.cost, False, held.tag, 0, 0, 0, 0, 0, OPEN
+        *(held.robot, 0, 1, held.slot, held.generation, held.cost, False, held.tag),
+        *(True, False, 0, 0, 0, 0, OPEN),
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from radio_samples import reply_of, status_of
 
 from hippomat_core.messages import (
     BASE,
@@ -18,6 +19,7 @@ from hippomat_core.messages import (
     FrameSent,
     LinkNoise,
     RadioStatus,
+    RoundEnded,
     ScanReceived,
     StopHeard,
     TasksHeard,
@@ -26,19 +28,20 @@ from hippomat_core.wire import cobs, jetbot_base, rplidar
 from hippomat_core.wire.codec import encode_frame
 from hippomat_core.wire.device_events import decoder_for
 from hippomat_core.wire.frames import STOP, TASKS, Header, StopFrame, TasksFrame, TaskSlot
-from hippomat_core.wire.link import LINK_VERSION, Heard, HelloReply, Sent, Status, encode_message
+from hippomat_core.wire.link import Heard, PeerReport, Round, Sent, encode_message
 
-HEADER = Header(TASKS, 1, 3, 7, 41, 123456)
+HEADER = Header(TASKS, False, 1, 3, 7, 41, 123456)
 TASKS_FRAME = TasksFrame((TaskSlot(2, 5, 1, -120, 40, 0),))
-STATUS = Status(5, 1, 1, 99, 2, 1, 1, 1, *range(8))
-REPLY = HelloReply(LINK_VERSION, 1, 5, 1, 1, bytes(6), 2, 1, 1, "hippomat", "abcdef01")
+STATUS = status_of(uptime_us=99, dropped_usb=7)
+REPLY = reply_of()
+PEER = PeerReport(255, bytes(6), 1, 2, -40, 5, 6, 7, 1)
 FEEDBACK = jetbot_base.Feedback(gyro=(1, -2, 3), odom_x_mm=-5, wheels=(1, 2, 3, -4), reserved=9)
 SWEEP = rplidar.Sweep(
     np.full(50, 47, np.uint8), np.arange(50, dtype=np.uint16) * 460, np.arange(50, dtype=np.uint16) * 99
 )
 STREAMS = {
-    RADIO: b"".join(map(encode_message, (STATUS, REPLY, Sent(7, TASKS, 9, True))))
-    + encode_message(Heard(5, -60, encode_frame(HEADER, TASKS_FRAME))),
+    RADIO: b"".join(map(encode_message, (STATUS, REPLY, PEER, Sent(7, TASKS, 9, True))))
+    + encode_message(Heard(5, 6, -60, encode_frame(HEADER, TASKS_FRAME))),
     BASE: jetbot_base.encode_feedback(FEEDBACK) * 2,
     LIDAR: rplidar.encode_scan_descriptor() + SWEEP.encode() * 3,
 }
@@ -53,14 +56,20 @@ def test_messages_of_the_radio_become_events() -> None:
     status, sent, tasks = events(RADIO, [STREAMS[RADIO]])
     assert isinstance(status, RadioStatus)
     assert (status.stamp_ns, status.uptime_us, status.dropped_usb) == (77, 99, 7)
+    assert status.firmware == STATUS.firmware
     assert sent == FrameSent(77, 7, TASKS, 9, True)
-    assert tasks == TasksHeard(77, 5, -60, HEADER, TASKS_FRAME)
+    assert tasks == TasksHeard(77, 5, 6, -60, HEADER, TASKS_FRAME)
 
 
 def test_stop_is_heard_as_stop() -> None:
-    header = Header(STOP, 1, 3, 7, 42, 0)
-    (event,) = events(RADIO, [encode_message(Heard(5, -60, encode_frame(header, StopFrame(3, 255, 0))))])
-    assert event == StopHeard(77, 5, -60, header, StopFrame(3, 255, 0))
+    header = Header(STOP, False, 1, 3, 7, 42, 0)
+    (event,) = events(RADIO, [encode_message(Heard(5, 6, -60, encode_frame(header, StopFrame(3, 255, 0))))])
+    assert event == StopHeard(77, 5, 6, -60, header, StopFrame(3, 255, 0))
+
+
+def test_the_end_of_a_round_is_an_event() -> None:
+    (event,) = events(RADIO, [encode_message(Round(12, 1_300_000, 900, 0b10110, True))])
+    assert event == RoundEnded(77, 12, 1_300_000, 900, 0b10110, True)
 
 
 def test_feedback_of_the_base_becomes_an_event_that_encodes_to_the_same_bytes() -> None:
@@ -93,10 +102,10 @@ def test_noise_is_one_event_behind_the_others_and_told_once(port: int) -> None:
 
 def test_an_intact_link_frame_with_a_wrong_message_is_noise() -> None:
     wrong = cobs.encode(b"\x99what")
-    broken_air = encode_message(Heard(5, -60, bytes(30)))
+    broken_air = encode_message(Heard(5, 6, -60, bytes(30)))
     assert events(RADIO, [wrong, broken_air]) == [
         LinkNoise(77, RADIO, 5, 0),
-        LinkNoise(77, RADIO, 5 + 1 + 9 + 30, 0),
+        LinkNoise(77, RADIO, 5 + 1 + 17 + 30, 0),
     ]
 
 

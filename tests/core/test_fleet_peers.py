@@ -137,12 +137,12 @@ def test_a_robot_outside_the_roster_is_named_once():
 def test_a_relayed_row_is_a_sign_of_life():
     taken = ready()
     taken.hear(1, taken.row(air_claim(0)))
-    row = RelayRow(1, 2, 1, 0, 0, 5, False, 1, 0, 0, 0, 0, 0, np.zeros(M, np.uint8))
+    row = RelayRow(1, 2, 1, 0, 0, 5, False, 1, True, False, 0, 0, 0, 0, np.zeros(M, np.uint8))
     outcomes = []
     for _ in range(40):
         taken.hear(2, taken.row())
-        header = Header(RELAY, 1, 2, 1, taken.sequence, 0)
-        taken.fleet, _ = heard_relay(taken.fleet, taken.now_ns, header, RelayFrame((row,)))
+        header = Header(RELAY, False, 1, 2, 1, taken.sequence, 0)
+        taken.fleet, _ = heard_relay(taken.fleet, taken.now_ns, header, RelayFrame(3, 0, (row,)))
         outcomes.append(taken.round(can_request=False))
     assert not [event for outcome in outcomes for event in of(PeerClaimSeen, outcome.effects)]
     assert outcomes[-1].state_frame is not None
@@ -240,6 +240,6 @@ def test_the_largest_fleet_fits_the_frame():
     own = OwnInputs(np.zeros(80, np.uint8), can_request=True, intent=intent, eta_s=1e9)
     fleet, outcome = end_round(fleet, 1, own)
     assert outcome.state_frame is not None
-    header = Header(STATE, 1, 63, 1, 1, 0)
+    header = Header(STATE, False, 1, 63, 1, 1, 0)
     _, decoded = decode_frame(encode_frame(header, outcome.state_frame))
     assert repr(decoded) == repr(outcome.state_frame)

@@ -193,7 +193,7 @@ class Lab:
         if frame is None:
             return
         robot.sequence += 1
-        header = Header(kind, self.config.id, robot.id, robot.boot, robot.sequence, 0)
+        header = Header(kind, False, self.config.id, robot.id, robot.boot, robot.sequence, 0)
         if self.wire:
             header, frame = decode_frame(encode_frame(header, frame))  # type: ignore[assignment]
         given = [vote.claim for vote in robot.fleet.votes if vote.phase == GIVEN]

@@ -200,8 +200,8 @@ def test_stop_latches_until_its_counter_is_resumed():
     world = FleetWorld(2)
     world.run(6.0)
     body, other = world.bodies
-    header = Header(STOP, 1, 255, 1, 1, 0)
-    body.take(StopHeard(world.now_ns + 10**6, 0, -40, header, StopFrame(4, 255, 0)))
+    header = Header(STOP, False, 1, 255, 1, 1, 0)
+    body.take(StopHeard(world.now_ns + 10**6, 0, 0, -40, header, StopFrame(4, 255, 0)))
     stopped_ns = world.now_ns + 10**8
     world.run(1.0)
     assert all(d.v_mps == 0 for d in of_kind(body, Drive, stopped_ns))
@@ -209,7 +209,7 @@ def test_stop_latches_until_its_counter_is_resumed():
     assert of_kind(body, SendState)[-1].frame.flags & FLAG_STOPPED
     for k, counter in enumerate((3, 4)):
         resume = dataclasses.replace(header, kind=RESUME, sequence=2 + k)
-        body.take(StopHeard(world.now_ns + 10**6, 0, -40, resume, StopFrame(counter, 255, 0)))
+        body.take(StopHeard(world.now_ns + 10**6, 0, 0, -40, resume, StopFrame(counter, 255, 0)))
         assert body.state.stop.latched == (counter < 4)
     world.run(2.0)
     assert not other.state.stop.latched
@@ -221,7 +221,7 @@ def test_a_peer_with_another_fleet_digest_is_named_and_not_allocated_against():
     world.run(5.0)
     body = world.bodies[0]
     frame = dataclasses.replace(of_kind(world.bodies[1], SendState)[-1].frame, fleet_digest=0xBAD)
-    body.take(StateHeard(world.now_ns + 10**7, 0, -40, Header(STATE, 1, 1, 1, 9999, 0), frame))
+    body.take(StateHeard(world.now_ns + 10**7, 0, 0, -40, Header(STATE, False, 1, 1, 1, 9999, 0), frame))
     alarm = of_kind(body, AlarmRaised)[-1]
     assert alarm.code == "peer_digest"
     assert "robot 1" in alarm.text

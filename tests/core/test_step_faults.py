@@ -50,8 +50,8 @@ def pair():
 
 def stop_heard(world, body, kind, counter):
     world.sequence = getattr(world, "sequence", 0) + 1
-    header = Header(kind, 1, 1, 9, world.sequence, 0)
-    body.take(StopHeard(world.now_ns + 10**7, 0, -40, header, StopFrame(counter, 255, 0)))
+    header = Header(kind, False, 1, 1, 9, world.sequence, 0)
+    body.take(StopHeard(world.now_ns + 10**7, 0, 0, -40, header, StopFrame(counter, 255, 0)))
 
 
 def row_heard(world, body, **changes):
@@ -59,8 +59,8 @@ def row_heard(world, body, **changes):
     other = world.bodies[1]
     other.sequence += 1
     frame = dataclasses.replace(said(other, SendState)[-1].frame, **changes)
-    header = Header(STATE, 1, 1, 1, other.sequence, 0)
-    body.take(StateHeard(world.now_ns + 10**7, 0, -40, header, frame))
+    header = Header(STATE, False, 1, 1, 1, other.sequence, 0)
+    body.take(StateHeard(world.now_ns + 10**7, 0, 0, -40, header, frame))
 
 
 @pytest.mark.parametrize("counter", [6, 40_000, 65_535])

@@ -17,16 +17,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from radio_samples import reply_of, status_of
 
 from hippomat_core.wire import jetbot_base, rplidar
 from hippomat_core.wire.cobs import FrameDecoder, encode
 from hippomat_core.wire.frames import PROTOCOL_VERSION
 from hippomat_core.wire.link import (
-    LINK_VERSION,
     Hello,
-    HelloReply,
     SendBody,
-    Status,
     decode_message,
     encode_message,
     encode_payload,
@@ -176,14 +174,12 @@ class Radio(Device):
     def passes(self, now_s: float) -> None:
         if now_s >= self._next_s:
             self._next_s = now_s + 1.0
-            identity = (self.robot, self.fleet, 1)
-            self.sends(encode_message(Status(self.boot_id, 1, 1, int(now_s * 1e6), *identity, 1, *[0] * 8)))
+            changes = {"boot_id": self.boot_id, "robot": self.robot, "fleet": self.fleet}
+            self.sends(encode_message(status_of(uptime_us=int(now_s * 1e6), **changes)))
 
     def _reply(self) -> bytes:
-        reply = HelloReply(
-            *(LINK_VERSION, PROTOCOL_VERSION, self.boot_id, 1, 1, bytes(range(6))),
-            *(self.robot, self.fleet, 1, "hippomat 0.1.0", "abcdef01"),
-        )
+        identity = {"robot": self.robot, "fleet": self.fleet, "mac": bytes(range(6))}
+        reply = reply_of(boot_id=self.boot_id, **identity)
         payload = bytearray(encode_payload(reply))
         payload[2] = self.protocol
         return encode(bytes(payload))

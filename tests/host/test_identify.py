@@ -9,20 +9,21 @@ import pytest
 from host_devices import Base, Chatter, Device, Lidar, Radio, Silent, plugged
 from hypothesis import given
 from hypothesis import strategies as st
+from radio_samples import hello_of_robot, reply_of, status_of
 
 from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.errors import PortError, ProtocolMismatch
 from hippomat_core.messages import BASE, LIDAR, RADIO
 from hippomat_core.wire import jetbot_base, rplidar
-from hippomat_core.wire.link import LINK_VERSION, Hello, HelloReply, Status, encode_message
+from hippomat_core.wire.link import encode_message
 from hippomat_host.acceptance import accept, hello_of
 from hippomat_host.identify import LISTEN_NS, UNKNOWN, Identifier, Identity
 from hippomat_host.probe import probe
 
-HELLO = Hello(LINK_VERSION, 2, 1, 1)
-REPLY = HelloReply(LINK_VERSION, 1, 5, 1, 1, bytes(6), 2, 1, 1, "hippomat 0.1.0", "abcdef01")
+HELLO = hello_of_robot(2)
+REPLY = reply_of()
 INFO = rplidar.Info(24, 29, 1, 7, bytes(16))
-STATUS = encode_message(Status(5, 1, 1, 0, 2, 1, 1, 1, *[0] * 8))
+STATUS = encode_message(status_of())
 SPEAKS = {
     RADIO: encode_message(REPLY),
     BASE: jetbot_base.encode_feedback(jetbot_base.Feedback(odom_x_mm=-7)),

@@ -33,7 +33,7 @@ def state_of(robot: int, stamp_ns: int, sequence: int, boot: int = 1) -> StateHe
     claim = AirClaim(3, 7, 40, 1, True, 1, 10, 20, 0, 55)
     empty = np.zeros(0, np.uint8)
     frame = StateFrame(1, 0, 123, -45, 0, 64, 0, claim, empty, empty, 0, 0, 0, empty, 0, empty, 0xABC, 0, 0)
-    return StateHeard(stamp_ns, 0, -61, Header(STATE, 1, robot, boot, sequence, 0), frame)
+    return StateHeard(stamp_ns, 0, 0, -61, Header(STATE, False, 1, robot, boot, sequence, 0), frame)
 
 
 def shown(view: FleetView, given: Given, width: int = 120) -> str:
@@ -60,7 +60,7 @@ def test_a_restarted_radio_is_no_loss_and_other_frames_count() -> None:
     view = FleetView()
     view.event(state_of(3, 0, 100))
     view.event(state_of(3, 0, 1, boot=2))
-    view.event(TasksHeard(S, 0, -50, Header(TASKS, 1, 3, 2, 2, 0), TasksFrame(())))
+    view.event(TasksHeard(S, 0, 0, -50, Header(TASKS, False, 1, 3, 2, 2, 0), TasksFrame(())))
     peer = view.peers[3]
     assert peer.loss == 0.0
     assert (peer.stamp_ns, peer.rssi_dbm) == (S, -50)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from radio_samples import hello_of_robot, reply_of
 
 from hippomat_core import messages as m
 from hippomat_core.config import Config, FleetConfig, RobotConfig
@@ -64,8 +65,8 @@ class RecordedRun:
 
     def identify(self, stamp_ns: int) -> None:
         """What the three devices said of themselves."""
-        hello = link.encode_message(link.Hello(1, CONFIG.robot.id, CONFIG.fleet.id, 1))
-        reply = link.HelloReply(1, 1, 77, 3, 1, bytes(6), CONFIG.robot.id, CONFIG.fleet.id, 1, "radio", "abc")
+        hello = link.encode_message(hello_of_robot(CONFIG.robot.id))
+        reply = reply_of(boot_id=77, robot=CONFIG.robot.id)
         info = rplidar.encode_info(rplidar.Info(24, 29, 1, 7, bytes(16)))
         self.recorder.serial(stamp_ns, m.RADIO, 1, 0, hello)
         self.recorder.serial(stamp_ns, m.RADIO, 0, 0, link.encode_message(reply))
@@ -112,5 +113,5 @@ def peer_bytes(k: int) -> bytes:
         frames.IDLE, frames.FLAG_LOCALIZED, 300, 300, 0, 0, 0, none, blank + 9, blank, 60, 60, 0,
         blank[:0], 1, blank[:3], 1, 1, 0,
     )  # fmt: skip
-    header = frames.Header(frames.STATE, CONFIG.fleet.id, 1, 9, k + 1, 50_000 * k)
-    return link.encode_message(link.Heard(50_000 * k, -50, codec.encode_frame(header, state)))
+    header = frames.Header(frames.STATE, False, CONFIG.fleet.id, 1, 9, k + 1, 50_000 * k)
+    return link.encode_message(link.Heard(50_000 * k, 50_000 * k, -50, codec.encode_frame(header, state)))

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from radio_samples import hello_of_robot, reply_of
 from recorded_run import peer_bytes, record_run, sweep_bytes
 from rich.console import Console
 
@@ -21,9 +22,7 @@ from hippomat_logs.fake_ports import FakePorts
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.serve import serve
 
-HELLO_REPLY_BYTES = len(
-    link.encode_message(link.HelloReply(1, 1, 7, 3, 1, bytes(6), 0, 1, 1, "radio", "abc"))
-)
+HELLO_REPLY_BYTES = len(link.encode_message(reply_of(boot_id=77, robot=0)))
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +47,7 @@ def test_each_device_identifies_itself_as_recorded(run: Run) -> None:
         fds = {port: os.open(path, os.O_RDWR | os.O_NOCTTY) for port, path in ports.paths.items()}
         feedback = read_until(fds[m.BASE], 45, ports)
         assert [frame.type for frame in jetbot_base.Decoder().feed(feedback)] == [jetbot_base.FEEDBACK]
-        os.write(fds[m.RADIO], link.encode_message(link.Hello(1, 0, 1, 1)))
+        os.write(fds[m.RADIO], link.encode_message(hello_of_robot(0)))
         reply = read_until(fds[m.RADIO], HELLO_REPLY_BYTES, ports)
         os.write(fds[m.LIDAR], rplidar.request(rplidar.STOP) + rplidar.request(rplidar.GET_INFO))
         info = rplidar.find_info(read_until(fds[m.LIDAR], 27, ports))
@@ -80,7 +79,7 @@ def test_serve_offers_the_recorded_bytes_to_a_daemon_of_the_users(run: Run) -> N
     assert "start the daemon: hippomat-host --port" in said.getvalue()
     paths = dict(re.findall(r"(radio|lidar|base) +\S+ -> (\S+)", said.getvalue()))
     fds = {name: os.open(path, os.O_RDWR | os.O_NOCTTY) for name, path in paths.items()}
-    os.write(fds["radio"], link.encode_message(link.Hello(1, 0, 1, 1)))
+    os.write(fds["radio"], link.encode_message(hello_of_robot(0)))
     scan = read_until(fds["lidar"], 5 * len(sweep_bytes()), None)
     assert len(scan) == 5 * len(sweep_bytes())
     assert scan == 5 * sweep_bytes()

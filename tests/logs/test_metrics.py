@@ -41,8 +41,8 @@ def write(directory: Path, robot: int, stamped: list[tuple[float, object]]) -> N
 
 
 def heard(sender: int, sequence: int, boot: int = 1) -> m.StopHeard:
-    header = frames.Header(frames.STOP, 1, sender, boot, sequence, 0)
-    return m.StopHeard(START_NS, 0, -40, header, frames.StopFrame(0, 0, 0))
+    header = frames.Header(frames.STOP, False, 1, sender, boot, sequence, 0)
+    return m.StopHeard(START_NS, 0, 0, -40, header, frames.StopFrame(0, 0, 0))
 
 
 @pytest.fixture

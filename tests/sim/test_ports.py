@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import serial
+from radio_samples import hello_of_robot
 from rplidar import RPLidar
 from sim_rooms import box_room
 
 from hippomat_core.wire.cobs import FrameDecoder
 from hippomat_core.wire.jetbot_base import BAUD, Decoder, decode_feedback, encode_velocity
-from hippomat_core.wire.link import LINK_VERSION, Hello, HelloReply, decode_message, encode_message
+from hippomat_core.wire.link import HelloReply, decode_message, encode_message
 from hippomat_sim.pty_port import PtyPort
 from hippomat_sim.simulation import Simulation, SimulationSetup
 
@@ -146,7 +147,7 @@ def test_a_base_frame_moves_the_robot_and_its_odometry(simulation: Simulation) -
 
 def test_the_radio_answers_hello_with_the_identity_it_adopted(simulation: Simulation) -> None:
     with running(simulation), opened(simulation.robots[1].radio_port.link) as host:
-        host.write(encode_message(Hello(LINK_VERSION, 1, 1, 1)))
+        host.write(encode_message(hello_of_robot(1)))
         decoder, messages = FrameDecoder(), []
         while not any(isinstance(message, HelloReply) for message in messages):
             messages += [decode_message(payload) for payload in decoder.feed(host.read(64))]
