@@ -7,7 +7,7 @@ wire/link.py encodes and decodes them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from hippomat_core.fields import I8, U8, U16, U32, U64
@@ -63,7 +63,7 @@ class Provision:
     fleet: U8
     channel: U8
     rate_mbps: U8
-    key: bytes
+    key: bytes = field(repr=False)
     unix_s: U32
 
 
