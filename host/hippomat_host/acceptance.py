@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from hippomat_core.config import Config
 from hippomat_core.errors import PortError, ProtocolMismatch
-from hippomat_core.messages import BASE, LIDAR, PORT_NAMES, RADIO
+from hippomat_core.messages import BASE, LIDAR, PORT_NAMES, RADIO, RadioStatus
 from hippomat_core.wire.frames import PROTOCOL_VERSION
-from hippomat_core.wire.link import LINK_VERSION, NO_ROBOT, Hello, HelloReply
-from hippomat_host.identify import UNKNOWN, Identity
+from hippomat_core.wire.link import FLAG_OPEN, FLAG_PROVISIONED, LINK_VERSION, NO_ROBOT, Hello, HelloReply
+from hippomat_host.identify import ASK, UNKNOWN, Identity
 from hippomat_host.serial_port import present_ports
 
 FLAGS = {RADIO: "--port", BASE: "--base", LIDAR: "--lidar"}
@@ -20,9 +20,28 @@ _CHECKS = {
 
 
 def hello_of(config: Config) -> Hello:
-    """How the daemon introduces itself; without a robot id it only listens."""
+    """What the radio shall know of its host: who it is (255: it only listens), and its fleet's rounds."""
+    fleet = config.fleet
     robot = config.robot.id if config.robot.id >= 0 else NO_ROBOT
-    return Hello(LINK_VERSION, robot, config.fleet.id, config.fleet.channel)
+    return Hello(LINK_VERSION, robot, fleet.id, fleet.channel, round(fleet.round_s * 1000), fleet.size)
+
+
+def greeting_of(config: Config) -> Hello:
+    """What a daemon says first. An observer only asks: the radio may be a robot's, and keeps its rounds."""
+    return hello_of(config) if config.robot.id >= 0 else ASK
+
+
+def to_be_told(config: Config, status: RadioStatus) -> bool:
+    """The radio is not what the configuration says and a Hello may change that: it is new, or restarted."""
+    hello = hello_of(config)
+    if status.robot != NO_ROBOT and config.robot.id < 0:
+        return False  # a robot's radio that is only listened to
+    adopts = status.robot == NO_ROBOT and not status.flags & FLAG_PROVISIONED
+    identity = (
+        (hello.robot, hello.fleet, hello.channel) if adopts else (status.robot, status.fleet, status.channel)
+    )
+    wanted = (*identity, hello.round_ms, hello.slots)
+    return wanted != (status.robot, status.fleet, status.channel, status.round_ms, status.slots)
 
 
 def accept(config: Config, path: str, expected: int, identity: Identity) -> str:
@@ -36,27 +55,57 @@ def accept(config: Config, path: str, expected: int, identity: Identity) -> str:
             f"and give the {name}'s port with {FLAGS[expected]}{_others(path)}"
         )
     if identity.mismatch:
-        raise ProtocolMismatch(
-            f"radio on {path} speaks {identity.mismatch}, this host protocol {PROTOCOL_VERSION} "
-            f"(link {LINK_VERSION}): run `pio run -t upload` in esp32_firmware"
-        )
+        raise _mismatch(path, identity)
     if identity.reply is not None:
         _check_radio(config, path, identity.reply)
     return identity.text
 
 
+def radio_behind(path: str, identity: Identity) -> HelloReply:
+    """Whatever radio it is; raises PortError or ProtocolMismatch where it is none, or none of ours."""
+    if identity.mismatch:
+        raise _mismatch(path, identity)
+    if identity.reply is not None:
+        return identity.reply
+    if identity.port == UNKNOWN:
+        raise PortError(_unknown(path, RADIO, identity))
+    raise PortError(
+        f"{path} is the {identity.name}, not a radio: give the radio's port with --port{_others(path)}"
+    )
+
+
+def _mismatch(path: str, identity: Identity) -> ProtocolMismatch:
+    return ProtocolMismatch(
+        f"radio on {path} speaks {identity.mismatch}, this host protocol {PROTOCOL_VERSION} "
+        f"(link {LINK_VERSION}): run `pio run -t upload` in esp32_firmware"
+    )
+
+
 def _check_radio(config: Config, path: str, reply: HelloReply) -> None:
-    robot, fleet = config.robot.id, config.fleet.id
+    """A daemon that is a robot needs that robot's radio, in its fleet and on its channel."""
+    robot, fleet = config.robot.id, config.fleet
     if robot < 0:
         return
+    write = (
+        f"`hippomat-host provision --port {path} --fleet {fleet.id} --robot {robot} --channel {fleet.channel}"
+    )
+    write += f"{' --open' if reply.flags & FLAG_OPEN else ' --key-file F'}` writes it anew"
+    if reply.robot == NO_ROBOT:
+        raise PortError(f"the radio on {path} is an operator's, not robot {robot}'s: {write}")
     if reply.robot != robot:
         raise PortError(
             f"the radio on {path} is robot {reply.robot}, not robot {robot}: give --robot {reply.robot}, "
-            "or the other robot's radio"
+            f"or the other robot's radio; {write}"
         )
-    if reply.fleet != fleet:
+    if reply.fleet != fleet.id:
         raise PortError(
-            f"the radio on {path} belongs to fleet {reply.fleet}, not {fleet}: set [fleet] id = {reply.fleet}"
+            f"the radio on {path} belongs to fleet {reply.fleet}, not {fleet.id}: "
+            f"set [fleet] id = {reply.fleet}; {write}"
+        )
+    if reply.channel != fleet.channel:
+        raise PortError(
+            f"the radio on {path} is on channel {reply.channel}, not {fleet.channel}: "
+            f"set [fleet] channel = {reply.channel}; {write}"
         )
 
 

@@ -2,39 +2,52 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 
 from hippomat_core.errors import HippomatError
-from hippomat_host.options import Parser, config_of, given_of, parser
+from hippomat_host.commands import COMMANDS
+from hippomat_host.options import config_of, given_of, parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    command = arguments[0] if arguments and arguments[0] in COMMANDS else ""
     try:
-        if arguments[:1] == ["ports"]:
-            return _ports(arguments[1:])
-        args = parser().parse_args(arguments)
-        config = config_of(args)
-        given = given_of(args, config)
-        from hippomat_host.startup import run  # --help must not wait for NumPy, OpenCV and the log
-
-        return run(config, given, args.lockstep)
+        return _command(command, arguments[1:]) if command else _daemon(arguments)
     except HippomatError as error:
         print(f"hippomat-host: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        return 0
+        if not command:
+            return 0
+        print(f"hippomat-host {command}: interrupted", file=sys.stderr)
+        return 1
 
 
-def _ports(arguments: list[str]) -> int:
-    options = Parser(prog="hippomat-host ports", description="List serial ports and what is behind each.")
-    options.add_argument("devices", metavar="DEV", nargs="*", help="look at these only")
-    args = options.parse_args(arguments)
-    from hippomat_host.ports import list_ports
+def _daemon(arguments: list[str]) -> int:
+    args = parser().parse_args(arguments)
+    config = config_of(args)
+    given = given_of(args, config)
+    from hippomat_host.startup import run  # --help must not wait for NumPy, OpenCV and the log
 
-    return list_ports(args.devices)
+    return run(config, given, args.lockstep)
+
+
+def _command(name: str, arguments: list[str]) -> int:
+    try:
+        return COMMANDS[name](arguments)
+    except HippomatError:
+        raise
+    except BrokenPipeError:  # nobody reads any more, e.g. `| head`; what was to be done is done
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Exception as fault:
+        from hippomat_host.faults import as_error
+
+        raise as_error(fault) from None
 
 
 if __name__ == "__main__":

@@ -39,9 +39,9 @@ from hippomat_core.wire import rplidar
 from hippomat_core.wire.codec import encode_body, kind_of
 from hippomat_core.wire.device_events import DeviceDecoder, decoder_for
 from hippomat_core.wire.jetbot_base import encode_velocity
-from hippomat_core.wire.link import NO_ROBOT, SendBody, encode_message
+from hippomat_core.wire.link import SendBody, encode_message
 from hippomat_host import happenings
-from hippomat_host.acceptance import hello_of
+from hippomat_host.acceptance import hello_of, to_be_told
 from hippomat_host.fleet_view import FleetView
 from hippomat_host.happenings import Happening
 from hippomat_host.links import Link, now
@@ -189,8 +189,8 @@ class Daemon:
         for effect in effects:
             self._view.effect(effect)
             self._act(effect)
-        if isinstance(event, RadioStatus) and event.robot == NO_ROBOT and self._config.robot.id >= 0:
-            self._write(RADIO, encode_message(hello_of(self._config)))  # it restarted and forgot who it is
+        if isinstance(event, RadioStatus) and to_be_told(self._config, event):
+            self._write(RADIO, encode_message(hello_of(self._config)))
 
     def _act(self, effect: Effect) -> None:
         if isinstance(effect, SendState | SendTasks):

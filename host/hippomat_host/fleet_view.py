@@ -22,7 +22,7 @@ from hippomat_core.messages import (
     StopHeard,
     TasksHeard,
 )
-from hippomat_core.wire.frames import Header, StateFrame
+from hippomat_core.wire.frames import OPERATOR, STOP, Header, StateFrame
 
 RATE_WINDOW = 64  # frames over which a peer's loss is told
 
@@ -54,6 +54,7 @@ class FleetView:
     ports: dict[int, str] = field(default_factory=dict)  # what runs: port -> device
     alarms: dict[str, AlarmRaised] = field(default_factory=dict)
     radio: RadioStatus | None = None
+    stop: StopHeard | None = None  # the last STOP, not RESUME
     pose: PoseEstimated | None = None
     drive: Drive | None = None
     claim: ClaimChanged | None = None
@@ -73,6 +74,8 @@ class FleetView:
             self._heard(event.stamp_ns, event.rssi_dbm, event.header, event.frame)
         elif isinstance(event, RelayHeard | TasksHeard | StopHeard):
             self._heard(event.stamp_ns, event.rssi_dbm, event.header, None)
+            if isinstance(event, StopHeard) and event.header.kind == STOP:
+                self.stop = event
         elif isinstance(event, RadioStatus):
             self.radio = event
         elif isinstance(event, PortOpened):
@@ -99,6 +102,8 @@ class FleetView:
             self.alarms.pop(effect.code, None)
 
     def _heard(self, stamp_ns: int, rssi_dbm: int, header: Header, frame: StateFrame | None) -> None:
+        if header.sender == OPERATOR:  # several may send under it: nobody's row
+            return
         before = self.peers.get(header.sender)
         received, lost = 1.0, 0.0
         if before is not None:

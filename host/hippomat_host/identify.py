@@ -17,11 +17,14 @@ from hippomat_core.wire.frames import PROTOCOL_VERSION
 from hippomat_core.wire.link import (
     HELLO_REPLY,
     LINK_VERSION,
+    NO_ROBOT,
+    STATUS,
     Hello,
     HelloReply,
     decode_message,
     encode_message,
 )
+from hippomat_host.radio_words import firmware, who
 
 LISTEN_NS = 400_000_000
 ANSWER_NS = 250_000_000
@@ -29,6 +32,9 @@ HELLO_TRIES = 3
 INFO_TRIES = 2
 STOP_NS = 20_000_000  # a lidar needs a moment between STOP and the next request
 UNKNOWN = 255
+
+# Asks who a radio is and sets nothing: a radio answers a Hello of any link version, and obeys its own only.
+ASK = Hello(0, NO_ROBOT, 0, 1, 100, 1)
 
 _INFO_BYTES = len(rplidar.INFO_DESCRIPTOR) + rplidar.INFO_SIZE
 
@@ -50,11 +56,11 @@ class Identity:
 class Identifier:
     """One attempt to identify. Call poll() when due_ns is reached and feed() with what was read."""
 
-    def __init__(self, now_ns: int, hello: Hello, expected: int) -> None:
+    def __init__(self, now_ns: int, hello: Hello, expected: int, listen_ns: int = LISTEN_NS) -> None:
         """expected: the port asked for; a lidar is asked first where a lidar should be."""
         self.identity: Identity | None = None
         self.leftover = b""  # bytes read behind the identifying ones
-        self.due_ns = now_ns + LISTEN_NS
+        self.due_ns = now_ns + listen_ns
         radio = [(b"\0" + encode_message(hello), ANSWER_NS)] * HELLO_TRIES  # 0x00 ends whatever came before
         info = [(rplidar.request(rplidar.GET_INFO), ANSWER_NS)] * INFO_TRIES
         lidar = [(rplidar.request(rplidar.STOP), STOP_NS), *info]
@@ -99,6 +105,8 @@ class Identifier:
 
 
 def _radio_identity(payload: bytes) -> Identity | None:
+    if payload[:1] == bytes([STATUS]):
+        return _older_radio(payload)
     if len(payload) < 3 or payload[0] != HELLO_REPLY:
         return None
     link_version, protocol = payload[1], payload[2]
@@ -111,7 +119,14 @@ def _radio_identity(payload: bytes) -> Identity | None:
         return None
     if not isinstance(reply, HelloReply):
         return None
-    who = "no robot id yet" if reply.robot == 255 else f"robot {reply.robot}"
-    version = f"{reply.firmware} {reply.git_hash}".strip()
-    text = f"{version}, {who}, fleet {reply.fleet}, MAC {reply.mac.hex(':')}"
-    return Identity(RADIO, text, reply)
+    return Identity(RADIO, f"{firmware(reply)}, {who(reply)}, MAC {reply.mac.hex(':')}", reply)
+
+
+def _older_radio(status: bytes) -> Identity | None:
+    """A radio of link version 1 does not understand our Hello, but tells its status."""
+    try:
+        decode_message(status)
+    except WireError:
+        spoken = "another link version"
+        return Identity(RADIO, f"radio with {spoken}", mismatch=spoken)
+    return None

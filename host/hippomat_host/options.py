@@ -23,8 +23,13 @@ The robot's daemon: takes part in the fleet that its radio hears, drives the bas
 With --port alone it observes: it shows the fleet, records, requests nothing and moves nothing.
 """
 EPILOG = """\
-commands:
-  hippomat-host ports [DEV ...]   list the serial ports and what is behind each
+commands (each has its own --help):
+  hippomat-host ports [DEV ...]         list the serial ports and what is behind each
+  hippomat-host make-key FILE           make a fleet key
+  hippomat-host provision --port DEV    write identity, channel and fleet key into a radio
+  hippomat-host radio-info --port DEV   show what a radio is, and whom it hears
+  hippomat-host stop --port DEV         stop the whole fleet
+  hippomat-host resume --port DEV       let it go on
 
 examples:
   hippomat-host --port /dev/ttyACM0
@@ -60,7 +65,7 @@ def parser() -> Parser:
         description=DESCRIPTION,
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        usage="hippomat-host --port DEV [options]\n       hippomat-host ports [DEV ...]",
+        usage="hippomat-host --port DEV [options]\n       hippomat-host COMMAND ...",
         allow_abbrev=False,
     )
     ports = options.add_argument_group("ports")

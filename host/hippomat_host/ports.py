@@ -12,17 +12,12 @@ from rich.console import Console
 from rich.table import Table
 from serial.tools.list_ports import comports
 
-from hippomat_core.config import FleetConfig
 from hippomat_core.errors import PortError
 from hippomat_core.messages import RADIO
-from hippomat_core.wire.link import LINK_VERSION, NO_ROBOT, Hello
 from hippomat_host.acceptance import FLAGS
-from hippomat_host.identify import UNKNOWN
+from hippomat_host.identify import ASK, UNKNOWN
 from hippomat_host.probe import probe
 from hippomat_host.serial_port import BusyPort, present_ports
-
-# A radio without an id stays without one.
-_LISTENER = Hello(LINK_VERSION, NO_ROBOT, FleetConfig().id, FleetConfig().channel, 100, FleetConfig().size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +56,7 @@ def list_ports(paths: Sequence[str]) -> int:
 def _found(path: str) -> Found:
     names = _names(path)
     try:
-        identity = probe(path, _LISTENER, RADIO)
+        identity = probe(path, ASK, RADIO)
     except BusyPort as error:
         who = "another user's process" if error.owner is None else "process {}: {}".format(*error.owner)
         return Found(path, "busy", f"in use by {who}", "", names)

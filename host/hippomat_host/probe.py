@@ -16,14 +16,15 @@ def probe(path: str, hello: Hello, expected: int) -> Identity:
     """At most about two seconds; raises PortError where the port cannot be opened."""
     fd = open_port(path)
     try:
-        return _identify(fd, Identifier(time.monotonic_ns(), hello, expected))
+        return identify(fd, Identifier(time.monotonic_ns(), hello, expected))
     except OSError as error:
         raise PortError(f"{path} went away while it was identified: {error.strerror or error}") from None
     finally:
         os.close(fd)
 
 
-def _identify(fd: int, identifier: Identifier) -> Identity:
+def identify(fd: int, identifier: Identifier) -> Identity:
+    """Waits for an open port; raises OSError where it goes away."""
     while identifier.identity is None:
         now_ns = time.monotonic_ns()
         if select.select([fd], [], [], max(0, identifier.due_ns - now_ns) / 1e9)[0]:

@@ -11,6 +11,8 @@ from rich.text import Text
 
 from hippomat_core.messages import ERROR, PORT_NAMES, WARNING
 from hippomat_core.wire.frames import FLAG_STOPPED, NO_SLOT, AirClaim
+from hippomat_core.wire.link import FLAG_OPEN
+from hippomat_host import radio_view
 from hippomat_host.advice import Given
 from hippomat_host.fleet_view import FleetView, Peer
 
@@ -38,10 +40,21 @@ def plain(view: FleetView, given: Given) -> str:
     """One line of status."""
     alive = [str(peer.robot) for peer in _sorted(view) if view.now_ns - peer.stamp_ns < GONE_NS]
     hears = f"hears {' '.join(alive)}" if alive else "hears nobody"
+    radio = "".join(f"; {part}" for part in _radio_parts(view))
     if given.observes:
-        return f"observing: {hears}"
+        return f"observing: {hears}{radio}"
     alarms = f"; alarms: {', '.join(view.alarms)}" if view.alarms else ""
-    return f"robot {given.robot}: {_motion(view)}; {_claim(view)}; done {view.completed}; {hears}{alarms}"
+    return (
+        f"robot {given.robot}: {_motion(view)}; {_claim(view)}; done {view.completed}; {hears}{radio}{alarms}"
+    )
+
+
+def _radio_parts(view: FleetView) -> list[str]:
+    if view.radio is None:
+        return []
+    is_open = view.radio.flags & FLAG_OPEN
+    parts = ["OPEN" if is_open else "sealed", *radio_view.troubles(view.radio)]
+    return [*parts, *filter(None, [radio_view.stopped(view)])]
 
 
 def _own(view: FleetView, given: Given, log: str) -> Table:
@@ -52,10 +65,14 @@ def _own(view: FleetView, given: Given, log: str) -> Table:
             said = Text(device or "not there: trying again", style="" if device else "red")
             grid.add_row(f" {PORT_NAMES[port]}", Text(path, style="bold"), said)
     if view.radio is not None:
-        radio = view.radio
-        key = "OPEN: no key, anyone may send" if radio.flags & 1 else "encrypted"
-        counts = f"{radio.sent} frames sent, {radio.received} received, {radio.send_failed} failed"
-        grid.add_row(" air", f"fleet {radio.fleet}, channel {radio.channel}", f"{key}; {counts}")
+        where = f"fleet {view.radio.fleet}, channel {view.radio.channel}"
+        grid.add_row(" air", where, radio_view.air(view.radio))
+        if drops := radio_view.dropped(view.radio):
+            grid.add_row("", "dropped frames", Text(drops, style="yellow"))
+        for trouble in radio_view.troubles(view.radio):
+            grid.add_row("", "trouble", Text(trouble, style="red"))
+    if stop := radio_view.stopped(view):
+        grid.add_row(" STOP", Text("the fleet is stopped", style="bold red"), Text(stop, style="red"))
     if not given.observes:
         grid.add_row(" robot", _motion(view), f"{_claim(view)}; {view.completed} tasks done")
     name, counts = log.split("  ", 1)
@@ -79,15 +96,18 @@ def _fleet_table(view: FleetView) -> RenderableType:
         "claim",
         "cost",
         "digest",
+        "radio",
     ):
-        table.add_column(name, justify="left" if name in ("status", "claim") else "right")
+        table.add_column(name, justify="left" if name in ("status", "claim", "radio") else "right")
     for peer in _sorted(view):
         age_ns = view.now_ns - peer.stamp_ns
         style = "" if age_ns < STALE_NS else "yellow" if age_ns < GONE_NS else "dim"
         heard = f"{age_ns / 1e9:.1f} s"
-        table.add_row(
-            str(peer.robot), *_state_cells(peer, heard, f"{peer.rssi_dbm}", f"{peer.loss:.0%}"), style=style
-        )
+        mark = radio_view.mark(view.radio, peer.robot, age_ns >= GONE_NS)
+        if mark and mark != "silent":
+            style = "red"
+        cells = _state_cells(peer, heard, f"{peer.rssi_dbm}", f"{peer.loss:.0%}")
+        table.add_row(str(peer.robot), *cells, mark, style=style)
     return table
 
 

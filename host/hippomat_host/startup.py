@@ -8,9 +8,7 @@ from __future__ import annotations
 import contextlib
 import shlex
 import sys
-import tempfile
 import time
-import traceback
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -19,9 +17,10 @@ from hippomat_core.config import Config, RobotConfig
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import BASE, LIDAR, RADIO
-from hippomat_host.acceptance import accept, hello_of
+from hippomat_host.acceptance import accept, greeting_of
 from hippomat_host.advice import Given
 from hippomat_host.daemon import Daemon, NoRecording, Recording
+from hippomat_host.faults import as_error
 from hippomat_host.guard_link import GuardLink
 from hippomat_host.links import Link, SerialLink
 from hippomat_host.lockstep import LockstepReactor
@@ -49,7 +48,7 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
     except HippomatError:
         raise
     except Exception as fault:  # the motors have been stopped by now
-        raise as_error(fault, config) from None
+        raise as_error(fault, config.log.directory, "the motors were stopped") from None
 
 
 def _check_start(robot: RobotConfig, grid: OccupancyGrid) -> None:
@@ -79,7 +78,7 @@ def closing_all(links: list[Link]) -> Iterator[None]:
 
 def make_links(config: Config, given: Given) -> list[Link]:
     """Links of the given ports, radio first; nothing is opened yet."""
-    hello, check = hello_of(config), partial(accept, config)
+    hello, check = greeting_of(config), partial(accept, config)
     links: list[Link] = [SerialLink(RADIO, given.radio, hello, check)]
     if given.base:
         links.append(GuardLink(given.base, hello, check))
@@ -178,19 +177,3 @@ def _policy(config: Config) -> bytes | None:
         raise ConfigError(
             f"[fleet] policy = {config.fleet.policy!r} cannot be read: {error.strerror or error}"
         ) from None
-
-
-def as_error(fault: BaseException, config: Config) -> HippomatError:
-    """What the user sees of a fault: one line, and where the traceback was put."""
-    text = "".join(traceback.format_exception(fault))
-    name = time.strftime("hippomat-host-fault-%Y%m%dT%H%M%S.txt")
-    for directory in (config.log.directory, tempfile.gettempdir()):
-        path = Path(directory) / name
-        try:
-            path.write_text(text, encoding="utf-8")
-        except OSError:
-            continue
-        return HippomatError(
-            f"internal fault ({type(fault).__name__}: {fault}); the motors were stopped; please report {path}"
-        )
-    return HippomatError(f"internal fault ({type(fault).__name__}: {fault}); the motors were stopped")

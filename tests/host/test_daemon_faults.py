@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hippomat_core.config import Config, LogConfig
+from hippomat_core.config import Config
 from hippomat_core.messages import BASE, LIDAR, RADIO, Event
 from hippomat_core.wire import rplidar
 from hippomat_core.wire.jetbot_base import encode_velocity
@@ -15,7 +15,7 @@ from hippomat_host.advice import Given
 from hippomat_host.daemon import Daemon, NoRecording
 from hippomat_host.happenings import END, OPENED, READ, START, TICK, Happening
 from hippomat_host.screen import PlainFace, Screen
-from hippomat_host.startup import as_error
+from hippomat_host.faults import as_error
 
 
 class WiredLink:
@@ -120,11 +120,10 @@ def test_bytes_of_a_port_that_is_not_open_are_recorded_but_decode_to_nothing(scr
 
 
 def test_a_fault_is_one_line_and_its_traceback_a_file_next_to_the_log(tmp_path: Path) -> None:
-    config = Config(log=LogConfig(directory=str(tmp_path)))
     try:
         raise RuntimeError("broken")
     except RuntimeError as fault:
-        error = as_error(fault, config)
+        error = as_error(fault, str(tmp_path), "the motors were stopped")
     (report,) = tmp_path.iterdir()
     assert str(error) == (
         f"internal fault (RuntimeError: broken); the motors were stopped; please report {report}"

@@ -1,0 +1,141 @@
+"""`hippomat-host provision`: write identity, channel, rate and fleet key into a radio, at a desk, once.
+
+The radio stores them, answers, and restarts; what counts is what it says of itself afterwards. The key goes
+to the radio and nowhere else.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+
+from hippomat_core.errors import HippomatError, PortError
+from hippomat_core.wire.link import (
+    FLAG_OPEN,
+    FLAG_PROVISIONED,
+    FLAG_UNSAFE,
+    LINK_VERSION,
+    HelloReply,
+    Provision,
+    Provisioned,
+)
+from hippomat_host.conversation import Conversation, Vanished
+from hippomat_host.identify import ASK
+from hippomat_host.key_file import FleetKey
+from hippomat_host.radio_words import firmware, who
+
+STORE_S = 3.0  # a flash page is erased and written
+RESTART_S = 20.0
+_ASK_EVERY_S = 0.5
+_YEAR_2025_S = 1_735_689_600
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What a radio shall be; key None: OPEN. robot 255: an operator's radio."""
+
+    robot: int
+    fleet: int
+    channel: int
+    rate_mbps: int
+    key: FleetKey | None
+
+
+def provision(path: str, wanted: Wanted, now_s: float) -> int:
+    """Exit code 0; raises HippomatError in one line with the remedy. now_s: Unix time."""
+    if not _YEAR_2025_S <= now_s < 2**32:
+        year = time.strftime("%Y-%m-%d", time.gmtime(max(0.0, min(now_s, 2.0**32))))
+        raise HippomatError(
+            f"this machine's clock says {year}, but boot counters are seeded from it and must never repeat: "
+            "set it (`sudo timedatectl set-ntp true`) and repeat"
+        )
+    if wanted.key is not None and wanted.key.warning:
+        print(f"warning: {wanted.key.warning}", file=sys.stderr)
+    with Conversation(path) as radio:
+        radio.forget_stale()
+        before = radio.reply
+        print(f"{path}: {firmware(before)}, MAC {before.mac.hex(':')}", flush=True)
+        print(f"it was: {_was(before)}", flush=True)
+        written = _write(radio, wanted, int(now_s))
+        print(f"written: {_what(wanted)}; boot counter from {written.boot_counter}", flush=True)
+        after = _restarted(radio, before.boot_id)
+    _verify(path, wanted, after)
+    print(f"restarted, and says: {who(after)}; boot counter {after.boot_counter}")
+    if wanted.key is None:
+        print(
+            f"warning: fleet {wanted.fleet} is OPEN: anyone in range may send, stop and resume; "
+            "`hippomat-host make-key FILE` and --key-file FILE seal it",
+            file=sys.stderr,
+        )
+    return 0
+
+
+def _write(radio: Conversation, wanted: Wanted, unix_s: int) -> Provisioned:
+    key = b"" if wanted.key is None else wanted.key.key
+    identity = (wanted.robot, wanted.fleet, wanted.channel, wanted.rate_mbps)
+    radio.say(Provision(LINK_VERSION, *identity, key, unix_s))
+    try:
+        answer = radio.await_kind(Provisioned, STORE_S)
+    except Vanished as error:
+        raise PortError(
+            f"{error}: whether it was written is not known; see `hippomat-host radio-info`"
+        ) from None
+    if answer is None:
+        raise PortError(
+            f"the radio on {radio.path} did not say within {STORE_S:.0f} s that it stored anything: "
+            "repeat, and see `hippomat-host radio-info` for what it is"
+        )
+    if not answer.stored:
+        raise PortError(
+            f"the radio on {radio.path} could not store it (its flash is full or damaged): repeat; if that "
+            "does not help, `pio run -t erase -t upload` in esp32_firmware and provision again"
+        )
+    return answer
+
+
+def _restarted(radio: Conversation, boot_id: int) -> HelloReply:
+    """What the radio says after its restart; its port may go away meanwhile."""
+    until_s = time.monotonic() + RESTART_S
+    late = (
+        f"{radio.path}: written, but the radio did not come back within {RESTART_S:.0f} s: "
+        "unplug it, plug it in, and see `hippomat-host radio-info`"
+    )
+    while time.monotonic() < until_s:
+        try:
+            radio.say(ASK)
+            reply = radio.await_kind(HelloReply, _ASK_EVERY_S)
+            if reply is not None and reply.boot_id != boot_id:
+                return reply
+        except Vanished:
+            try:
+                radio.reopen(until_s)
+            except PortError as error:
+                raise PortError(f"{late} ({error})") from None
+    raise PortError(late)
+
+
+def _verify(path: str, wanted: Wanted, reply: HelloReply) -> None:
+    is_open = bool(reply.flags & FLAG_OPEN)
+    found = (reply.robot, reply.fleet, reply.channel, reply.rate_mbps, is_open)
+    asked = (wanted.robot, wanted.fleet, wanted.channel, wanted.rate_mbps, wanted.key is None)
+    if found != asked or not reply.flags & FLAG_PROVISIONED:
+        raise PortError(
+            f"the radio on {path} restarted as {who(reply)}, not as written (channels differ by region): "
+            "repeat, and if that does not help flash it anew with `pio run -t upload` in esp32_firmware"
+        )
+    if reply.flags & FLAG_UNSAFE:
+        raise PortError(
+            f"the radio on {path} cannot store its boot counter and stays silent: "
+            "`pio run -t erase -t upload` in esp32_firmware, then provision again"
+        )
+
+
+def _was(reply: HelloReply) -> str:
+    return who(reply) if reply.flags & FLAG_PROVISIONED else f"not provisioned ({who(reply)})"
+
+
+def _what(wanted: Wanted) -> str:
+    name = f"robot {wanted.robot}" if wanted.robot < 255 else "an operator's radio"
+    key = "OPEN" if wanted.key is None else f"sealed with the key of fingerprint {wanted.key.fingerprint}"
+    return f"{name} of fleet {wanted.fleet}, channel {wanted.channel}, {wanted.rate_mbps} Mbit/s, {key}"
