@@ -12,8 +12,8 @@
 /* Writers return the position behind what they wrote. */
 static inline uint8_t *rc_put(uint8_t *at, uint64_t value, size_t bytes) {
     for (size_t i = 0; i < bytes; i++)
-        *at++ = (uint8_t)(value >> (8 * i));
-    return at;
+        at[i] = (uint8_t)(value >> (8 * i));
+    return at + bytes;
 }
 
 static inline uint8_t *rc_put8(uint8_t *at, uint8_t value) {
@@ -22,7 +22,9 @@ static inline uint8_t *rc_put8(uint8_t *at, uint8_t value) {
 }
 
 static inline uint8_t *rc_put16(uint8_t *at, uint16_t value) {
-    return rc_put(at, value, 2);
+    at[0] = (uint8_t)value;
+    at[1] = (uint8_t)(value >> 8);
+    return at + 2;
 }
 
 static inline uint8_t *rc_put_i16(uint8_t *at, int16_t value) {
@@ -30,7 +32,11 @@ static inline uint8_t *rc_put_i16(uint8_t *at, int16_t value) {
 }
 
 static inline uint8_t *rc_put32(uint8_t *at, uint32_t value) {
-    return rc_put(at, value, 4);
+    return rc_put16(rc_put16(at, (uint16_t)value), (uint16_t)(value >> 16));
+}
+
+static inline uint8_t *rc_put64(uint8_t *at, uint64_t value) {
+    return rc_put32(rc_put32(at, (uint32_t)value), (uint32_t)(value >> 32));
 }
 
 static inline uint8_t *rc_put_bytes(uint8_t *at, const uint8_t *bytes, size_t n) {
@@ -62,7 +68,9 @@ static inline uint8_t rc_take8(const uint8_t **at) {
 }
 
 static inline uint16_t rc_take16(const uint8_t **at) {
-    return (uint16_t)rc_take(at, 2);
+    const uint8_t *from = *at;
+    *at += 2;
+    return (uint16_t)(from[0] | from[1] << 8);
 }
 
 static inline int16_t rc_take_i16(const uint8_t **at) {
@@ -71,7 +79,13 @@ static inline int16_t rc_take_i16(const uint8_t **at) {
 }
 
 static inline uint32_t rc_take32(const uint8_t **at) {
-    return (uint32_t)rc_take(at, 4);
+    uint32_t low = rc_take16(at);
+    return low | (uint32_t)rc_take16(at) << 16;
+}
+
+static inline uint64_t rc_take64(const uint8_t **at) {
+    uint64_t low = rc_take32(at);
+    return low | (uint64_t)rc_take32(at) << 32;
 }
 
 static inline void rc_take_bytes(const uint8_t **at, uint8_t *bytes, size_t n) {
@@ -79,14 +93,16 @@ static inline void rc_take_bytes(const uint8_t **at, uint8_t *bytes, size_t n) {
     *at += n;
 }
 
-/* False when bits behind the last crumb are set. */
-static inline bool rc_take_crumbs(const uint8_t **at, uint8_t *values, size_t count) {
-    size_t bytes = (count + 3) / 4;
+/* `count` bits or crumbs of `width` bits fill their bytes from below: is the rest of the last byte zero? */
+static inline bool rc_rest_is_zero(const uint8_t *from, size_t count, unsigned width) {
+    size_t bits = count * width;
+    return bits % 8 == 0 || from[bits / 8] >> (bits % 8) == 0;
+}
+
+static inline void rc_take_crumbs(const uint8_t **at, uint8_t *values, size_t count) {
     for (size_t i = 0; i < count; i++)
         values[i] = ((*at)[i / 4] >> (2 * (i % 4))) & 3u;
-    bool clean = count % 4 == 0 || (*at)[bytes - 1] >> (2 * (count % 4)) == 0;
-    *at += bytes;
-    return clean;
+    *at += (count + 3) / 4;
 }
 
 #endif

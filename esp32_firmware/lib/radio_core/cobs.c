@@ -7,38 +7,33 @@ _Static_assert(RC_LINK_MAX_PAYLOAD + 4 < 2 * 254, "RC_LINK_MAX_STUFFED has room 
 
 enum { FULL_BLOCK = 255, CRC_BYTES = 4 };
 
-typedef struct {
-    uint8_t *code; /* where the open block's code byte goes */
-    uint8_t *at;
-} stuffer;
-
-static void stuff(stuffer *s, const uint8_t *bytes, size_t n) {
-    for (size_t i = 0; i < n; i++) {
-        /* A full block is closed only when more follows, so that none is left empty at the end. */
-        if (s->at - s->code == FULL_BLOCK) {
-            *s->code = FULL_BLOCK;
-            s->code = s->at++;
+/* In place: the n plain bytes are at bytes[1]; bytes[0] and two places behind them are free. The length. */
+static size_t stuff(uint8_t *bytes, size_t n) {
+    size_t code = 0, end = 1 + n; /* code: where the open block's code byte goes */
+    for (size_t i = 1; i < end; i++) {
+        if (i - code == FULL_BLOCK) { /* closed only when more follows: none is left empty at the end */
+            memmove(bytes + i + 1, bytes + i, end - i);
+            end++;
+            bytes[code] = FULL_BLOCK;
+            code = i++;
         }
         if (bytes[i] == 0) {
-            *s->code = (uint8_t)(s->at - s->code);
-            s->code = s->at++;
-        } else {
-            *s->at++ = bytes[i];
+            bytes[code] = (uint8_t)(i - code);
+            code = i;
         }
     }
+    bytes[code] = (uint8_t)(end - code);
+    return end;
 }
 
 size_t rc_cobs_encode(const uint8_t *payload, size_t n, uint8_t *out) {
     if (n > RC_LINK_MAX_PAYLOAD)
         return 0;
-    uint8_t crc[CRC_BYTES];
-    rc_put32(crc, rc_crc32(payload, n));
-    stuffer s = {.code = out, .at = out + 1};
-    stuff(&s, payload, n);
-    stuff(&s, crc, CRC_BYTES);
-    *s.code = (uint8_t)(s.at - s.code);
-    *s.at++ = 0;
-    return (size_t)(s.at - out);
+    memcpy(out + 1, payload, n);
+    rc_put32(out + 1 + n, rc_crc32(payload, n));
+    size_t length = stuff(out, n + CRC_BYTES);
+    out[length] = 0;
+    return length + 1;
 }
 
 /* In place; the length, or -1 for bytes that stuff() does not write. Never meets 0x00: it ends the frame. */

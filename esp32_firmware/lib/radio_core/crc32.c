@@ -1,15 +1,43 @@
 #include "crc32.h"
 
+#include "bytes.h"
+
+/* Four bytes at a time, by tables (Kounavis and Berry 2005). A table is linear: the entry of a byte is the
+ * sum modulo 2 of the entries of its bits, so these are written down and the compiler adds the others up. */
+#define BIT(i, bit, entry) (((i) & (1 << (bit))) != 0 ? (entry) : 0u)
+#define ENTRY(i, b0, b1, b2, b3, b4, b5, b6, b7)                                                             \
+    (BIT(i, 0, b0) ^ BIT(i, 1, b1) ^ BIT(i, 2, b2) ^ BIT(i, 3, b3) ^ BIT(i, 4, b4) ^ BIT(i, 5, b5) ^         \
+     BIT(i, 6, b6) ^ BIT(i, 7, b7))
+
+/* Of a byte that leaves the register, and of one that does so 1, 2, 3 bytes later. */
+#define LATER_0(i)                                                                                           \
+    ENTRY(i, 0x77073096, 0xee0e612c, 0x076dc419, 0x0edb8832, 0x1db71064, 0x3b6e20c8, 0x76dc4190, 0xedb88320)
+#define LATER_1(i)                                                                                           \
+    ENTRY(i, 0x191b3141, 0x32366282, 0x646cc504, 0xc8d98a08, 0x4ac21251, 0x958424a2, 0xf0794f05, 0x3b83984b)
+#define LATER_2(i)                                                                                           \
+    ENTRY(i, 0x01c26a37, 0x0384d46e, 0x0709a8dc, 0x0e1351b8, 0x1c26a370, 0x384d46e0, 0x709a8dc0, 0xe1351b80)
+#define LATER_3(i)                                                                                           \
+    ENTRY(i, 0xb8bc6765, 0xaa09c88b, 0x8f629757, 0xc5b428ef, 0x5019579f, 0xa032af3e, 0x9b14583d, 0xed59b63b)
+
+#define FOUR(entry, i) entry(i), entry((i) + 1), entry((i) + 2), entry((i) + 3)
+#define SIXTEEN(entry, i) FOUR(entry, i), FOUR(entry, (i) + 4), FOUR(entry, (i) + 8), FOUR(entry, (i) + 12)
+#define HALF(entry, i)                                                                                       \
+    SIXTEEN(entry, i), SIXTEEN(entry, (i) + 16), SIXTEEN(entry, (i) + 32), SIXTEEN(entry, (i) + 48),         \
+        SIXTEEN(entry, (i) + 64), SIXTEEN(entry, (i) + 80), SIXTEEN(entry, (i) + 96),                        \
+        SIXTEEN(entry, (i) + 112)
+#define TABLE(entry) {HALF(entry, 0), HALF(entry, 128)}
+
+static const uint32_t later[4][256] = {TABLE(LATER_0), TABLE(LATER_1), TABLE(LATER_2), TABLE(LATER_3)};
+
 uint32_t rc_crc32(const uint8_t *bytes, size_t n) {
-    static const uint32_t nibbles[16] = {
-        0x00000000, 0x1db71064, 0x3b6e20c8, 0x26d930ac, 0x76dc4190, 0x6b6b51f4, 0x4db26158, 0x5005713c,
-        0xedb88320, 0xf00f9344, 0xd6d6a3e8, 0xcb61b38c, 0x9b64c2b0, 0x86d3d2d4, 0xa00ae278, 0xbdbdf21c,
-    };
     uint32_t crc = 0xffffffffu;
-    for (size_t i = 0; i < n; i++) {
-        crc ^= bytes[i];
-        crc = (crc >> 4) ^ nibbles[crc & 15];
-        crc = (crc >> 4) ^ nibbles[crc & 15];
+    const uint8_t *end = bytes + n;
+    while (end - bytes >= 4) {
+        crc ^= rc_take32(&bytes);
+        crc = later[3][crc & 255] ^ later[2][(crc >> 8) & 255] ^ later[1][(crc >> 16) & 255] ^
+              later[0][crc >> 24];
     }
+    while (bytes < end)
+        crc = (crc >> 8) ^ later[0][(crc ^ *bytes++) & 255];
     return ~crc;
 }

@@ -31,7 +31,7 @@ enum {
     RC_MAX_INTENT_STEPS = 12,
     RC_MAX_MOVE = 26,
     RC_RELAY_ROW_BYTES = 14, /* without the costs */
-    RC_MAX_RELAY_ROWS = 14,  /* at M = 1 and N <= 8 */
+    RC_MAX_RELAY_ROWS = 14,  /* at M = 1 */
     RC_TASK_ROW_BYTES = 10,
     RC_MAX_TASK_ROWS = 22,
     RC_STATE_FIXED_BYTES = 50,
@@ -111,8 +111,9 @@ typedef struct {
     uint8_t origin, reason;
 } rc_stop;
 
-/* Encoders return the length written, 0 for a value that does not fit; `out` holds RC_MAX_BODY bytes
- * (RC_HEADER_BYTES for a header). Decoders return false for bytes that no encoder writes. */
+/* Encoders return the length, 0 for a value that must not be sent (`out` then means nothing); `out` holds
+ * RC_MAX_BODY bytes (RC_HEADER_BYTES for a header). Decoders return false for bytes that no encoder writes.
+ */
 size_t rc_header_encode(const rc_header *header, uint8_t *out);
 bool rc_header_decode(const uint8_t *frame, size_t n, rc_header *header);
 size_t rc_state_encode(const rc_state *state, uint8_t *out);
@@ -126,20 +127,27 @@ bool rc_tasks_decode(const uint8_t *body, size_t n, rc_tasks *tasks);
 size_t rc_stop_encode(const rc_stop *stop, uint8_t *out);
 bool rc_stop_decode(const uint8_t *body, size_t n, rc_stop *stop);
 
+/* Would the body's decoder take these bytes? Cheaper than decoding them. */
+bool rc_state_valid(const uint8_t *body, size_t n);
+bool rc_relay_valid(const uint8_t *body, size_t n);
+bool rc_tasks_valid(const uint8_t *body, size_t n);
 bool rc_body_valid(uint8_t kind, const uint8_t *body, size_t n);
+/* Header and plain body; the sealed bit says that the body was opened. */
 bool rc_frame_valid(const uint8_t *frame, size_t n);
 /* cdef: end */
 
 /* STATE: fixed part, M costs, 2 bits per task, 1 + 2 bits per robot. */
 #define RC_STATE_BYTES(n, m)                                                                                 \
     (RC_STATE_FIXED_BYTES + (m) + (2 * (m) + 7) / 8 + ((n) + 7) / 8 + (2 * (n) + 7) / 8)
-#define RC_RELAY_BYTES(rows, m) (1 + (rows) * (RC_RELAY_ROW_BYTES + (m)))
+/* RELAY: M, N, 1 bit per robot, rows. */
+#define RC_RELAY_BYTES(rows, n, m) (2 + ((n) + 7) / 8 + (rows) * (RC_RELAY_ROW_BYTES + (m)))
 
 _Static_assert(RC_STATE_BYTES(RC_MAX_ROBOTS, RC_MAX_TASK_SLOTS) <= RC_MAX_BODY, "STATE, ESP-NOW v1");
-_Static_assert(RC_RELAY_BYTES(5, 30) == RC_MAX_BODY, "RELAY, five rows at M = 30, ESP-NOW v1");
-_Static_assert(RC_RELAY_BYTES(2, RC_MAX_TASK_SLOTS) <= RC_MAX_BODY, "RELAY, two rows at M = 80");
-_Static_assert(RC_RELAY_BYTES(RC_MAX_RELAY_ROWS, 1) <= RC_MAX_BODY, "RELAY, most rows");
-_Static_assert(RC_RELAY_BYTES(RC_MAX_RELAY_ROWS + 1, 1) > RC_MAX_BODY, "RELAY, no more rows than these");
+_Static_assert(RC_RELAY_BYTES(5, 32, 30) == RC_MAX_BODY, "RELAY, five rows at N = 32, M = 30, ESP-NOW v1");
+_Static_assert(RC_RELAY_BYTES(2, RC_MAX_ROBOTS, RC_MAX_TASK_SLOTS) <= RC_MAX_BODY,
+               "RELAY, two of the longest");
+_Static_assert(RC_RELAY_BYTES(RC_MAX_RELAY_ROWS, RC_MAX_ROBOTS, 1) <= RC_MAX_BODY, "RELAY, most rows");
+_Static_assert(RC_RELAY_BYTES(RC_MAX_RELAY_ROWS + 1, 1, 1) > RC_MAX_BODY, "RELAY, no more rows than these");
 _Static_assert(RC_MAX_TASK_ROWS == RC_MAX_BODY / RC_TASK_ROW_BYTES, "TASKS, ESP-NOW v1");
 _Static_assert(RC_STOP_BYTES <= RC_MAX_BODY, "STOP and RESUME");
 _Static_assert(RC_MAX_TASK_SLOTS < RC_NO_SLOT, "a slot is never RC_NO_SLOT");

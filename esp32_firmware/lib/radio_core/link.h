@@ -60,7 +60,7 @@ typedef struct {
 } rc_hello;
 
 typedef struct {
-    uint8_t kind; /* RC_STATE or RC_TASKS; everything else is made by the radio */
+    uint8_t kind;        /* RC_STATE or RC_TASKS; everything else is made by the radio */
     const uint8_t *body; /* inside the payload that was decoded */
     size_t length;
 } rc_send;
@@ -70,9 +70,9 @@ typedef struct {
     uint8_t link_version;
     rc_identity identity;
     uint8_t rate_mbps; /* 6, 12 or 24 */
-    uint8_t keyed;     /* 0: OPEN, and key is all zeros */
+    uint8_t keyed;     /* 0: OPEN, and key is all zeros; 1: it is not */
     uint8_t key[RC_KEY_BYTES];
-    uint32_t unix_s;   /* now; seeds the boot counter */
+    uint32_t unix_s; /* now; seeds the boot counter */
 } rc_provision;
 
 /* kind RC_STOP: raise; counter 0, the radio chooses it. RC_RESUME: answer the STOP of that counter. */
@@ -83,8 +83,8 @@ typedef struct {
 } rc_command;
 
 typedef struct {
-    uint32_t boot_id;      /* random, new at each boot */
-    uint8_t reset_reason;  /* esp_reset_reason() */
+    uint32_t boot_id;     /* random, new at each boot */
+    uint8_t reset_reason; /* esp_reset_reason() */
     uint8_t mac[RC_MAC_BYTES];
     char firmware[16]; /* printable ASCII, zeros behind */
     char git_hash[8];
@@ -92,17 +92,17 @@ typedef struct {
 
 typedef struct {
     uint32_t sent, received;
-    uint32_t relays;      /* of those sent */
-    uint32_t replaced;    /* STATE overwritten in the mailbox before it was sent */
-    uint32_t send_failed; /* given up: not sent, queue full, not allowed, or no identity to send under */
-    uint32_t dropped_foreign;   /* other protocol version or fleet */
+    uint32_t relays;          /* of those sent */
+    uint32_t replaced;        /* STATE overwritten in the mailbox before it was sent */
+    uint32_t send_failed;     /* given up: not sent, queue full, not allowed, or no identity to send under */
+    uint32_t dropped_foreign; /* other protocol version or fleet */
     uint32_t dropped_malformed;
-    uint32_t dropped_seal;      /* sealed without our having a key, or the other way round */
-    uint32_t dropped_forged;    /* the tag is wrong */
-    uint32_t dropped_replayed;  /* heard before, or of an older boot */
-    uint32_t dropped_impostor;  /* another radio under the id of one that is alive */
-    uint32_t dropped_babble;    /* of a sender with too many frames */
-    uint32_t dropped_usb;       /* messages lost between radio and host, either way */
+    uint32_t dropped_seal;     /* sealed without our having a key, or the other way round */
+    uint32_t dropped_forged;   /* the tag is wrong */
+    uint32_t dropped_replayed; /* heard before, or of an older boot */
+    uint32_t dropped_impostor; /* another radio under the id of one that is alive */
+    uint32_t dropped_babble;   /* of a sender with too many frames */
+    uint32_t dropped_usb;      /* messages lost between radio and host, either way */
     uint32_t usb_skipped_bytes, usb_bad_checksums;
 } rc_counters;
 
@@ -111,8 +111,8 @@ typedef struct {
     uint64_t uptime_us, fleet_time_us;
     uint16_t flags;
     uint16_t stop_counter, stop_resumed;
-    uint64_t alive;     /* heard within 3 s */
-    uint64_t rebooted;  /* since the last status */
+    uint64_t alive;    /* heard within 3 s */
+    uint64_t rebooted; /* since the last status */
     uint64_t babbling, duplicate;
 } rc_condition;
 
@@ -123,11 +123,12 @@ typedef struct {
     int8_t rssi_dbm;
     uint32_t age_ms;
     uint32_t received;
-    uint8_t loss; /* of the link from it to us, 1/255 */
+    uint8_t loss;  /* of the link from it to us, 1/255 */
     uint8_t flags; /* 1 alive, 2 babbling, 4 duplicate */
 } rc_peer_report;
 
 bool rc_identity_valid(const rc_identity *identity);
+bool rc_rate_valid(uint8_t rate_mbps);
 bool rc_hello_decode(const uint8_t *payload, size_t n, rc_hello *hello);
 bool rc_send_decode(const uint8_t *payload, size_t n, rc_send *send);
 bool rc_provision_decode(const uint8_t *payload, size_t n, rc_provision *provision);
@@ -140,7 +141,7 @@ size_t rc_reply_encode(const rc_about *about, uint32_t boot_counter, const rc_id
 size_t rc_status_encode(const rc_about *about, uint32_t boot_counter, const rc_identity *identity,
                         const rc_schedule *schedule, uint8_t rate_mbps, const rc_condition *condition,
                         const rc_counters *counters, uint8_t *out);
-/* frame: header and plain body, n <= RC_MAX_FRAME - RC_TAG_BYTES; 0 if longer. */
+/* frame: header and plain body, n <= RC_MAX_FRAME - RC_TAG_BYTES; 0 if longer or no frame. */
 size_t rc_heard_encode(uint64_t radio_time_us, uint64_t fleet_time_us, int8_t rssi_dbm, const uint8_t *frame,
                        size_t n, uint8_t *out);
 size_t rc_sent_encode(uint64_t radio_time_us, uint8_t kind, uint32_t sequence, bool sent, uint8_t *out);
