@@ -3,27 +3,37 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 
 SIM_PACKAGES = ("pybullet", "cffi", "matplotlib", "platformdirs")
 
 
 def main() -> int:
     """The exit code."""
-    try:
-        from hippomat_sim.cli import main as run
+    return guarded("hippomat-sim", _run)
 
+
+def _run() -> int:
+    from hippomat_sim.cli import main as run
+
+    return run()
+
+
+def guarded(command: str, run: Callable[[], int]) -> int:
+    """The exit code of run(), which loads what it needs; a missing package or Ctrl-C is one line."""
+    try:
         return run()
     except ModuleNotFoundError as error:
         if error.name not in SIM_PACKAGES:
             raise
         print(
-            f"hippomat-sim: the package {error.name} is not installed: pip install 'hippomat[sim]'",
+            f"{command}: the package {error.name} is not installed: pip install 'hippomat[sim]'",
             file=sys.stderr,
         )
         return 1
     except KeyboardInterrupt:
-        print("hippomat-sim: interrupted", file=sys.stderr)
+        print(f"{command}: interrupted", file=sys.stderr)
         return 1
     except OSError as error:
-        print(f"hippomat-sim: {error}", file=sys.stderr)
+        print(f"{command}: {error}", file=sys.stderr)
         return 1

@@ -1,8 +1,8 @@
 """A whole fleet of real radio cores on one medium, each with the least of a host, in simulated time.
 
-For benchmarks and tests of the radio alone: no world, no daemons. A host answers every Round with a valid STATE a
-few milliseconds later, as the daemon does. Clocks are off by up to `drift_ppm`. Deterministic, given the set-up and
-what is done to the fleet.
+For benchmarks and tests of the radio alone: no world, no daemons. A host answers every Round with a valid
+STATE a few milliseconds later, as the daemon does. Clocks are off by up to `drift_ppm`. Deterministic, given
+the set-up and what is done to the fleet.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ class FleetSetup:
     air: AirSettings = field(default_factory=AirSettings)
     drift_ppm: float = 100.0
     boots_within_us: int = 1_000_000
+    answer_us: tuple[int, int] = (2000, 6000)  # from a Round to the host's next STATE, uniform
     side_m: float = 8.0  # of the square in which they stand
 
 
@@ -55,6 +56,8 @@ class RadioFleet:
         self._library = load_fleet_library()
         self._fleet = self._library.ffi.new("fd_fleet *")
         self._library.lib.fd_init(self._fleet)
+        self._fleet.answer_min_us = setup.answer_us[0]
+        self._fleet.answer_span_us = setup.answer_us[1] - setup.answer_us[0]
         self._told: list[NDArray[Any]] = []
         self._round_type = self._type_of("fd_round")
         self._rounds = self._array(self._fleet.rounds, self._round_type)
@@ -114,7 +117,7 @@ class RadioFleet:
             raise HippomatError(f"the fleet driver lost {fleet.overruns} events: its queues are too short")
 
     def rounds(self) -> NDArray[Any]:
-        """What the hosts were told since the last call: station, round, held, agreed, snapshot, at_us."""
+        """What the hosts were told since the last call: station, round, held, wrong, agreed, at_us."""
         told, self._told = self._told, []
         return np.concatenate(told) if told else np.zeros(0, self._round_type)
 
@@ -171,15 +174,15 @@ class RadioFleet:
     def _type_of(self, name: str) -> np.dtype[Any]:
         """The numpy type of a C struct of integers."""
         ffi = self._library.ffi
-        fields = ffi.typeof(name).fields
+        members = ffi.typeof(name).fields
+        kinds = ["i" if one.type.cname.startswith("int") else "u" for _, one in members]
         return np.dtype(
             {
-                "names": [field_name for field_name, _ in fields],
+                "names": [member for member, _ in members],
                 "formats": [
-                    f"{'i' if 'int' == one.type.cname[:3] else 'u'}{ffi.sizeof(one.type)}"
-                    for _, one in fields
+                    f"{kind}{ffi.sizeof(one.type)}" for kind, (_, one) in zip(kinds, members, strict=True)
                 ],
-                "offsets": [one.offset for _, one in fields],
+                "offsets": [one.offset for _, one in members],
                 "itemsize": ffi.sizeof(name),
             }
         )

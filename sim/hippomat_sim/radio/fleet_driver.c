@@ -3,7 +3,6 @@
 #include <string.h>
 
 #include "bytes.h"
-#include "crc32.h"
 
 enum { ROUND_HELD_AT = 21 }; /* in a Round message: type, round, two times */
 
@@ -50,12 +49,18 @@ void fd_host(fd_fleet *fleet, uint8_t number, uint8_t robot, uint8_t n, uint8_t 
 
 /* ---- the host ----------------------------------------------------------------------------------------- */
 
-/* Equal for equal tables of rows. */
-static uint32_t snapshot_of(const rc_relay_table *table) {
-    uint32_t snapshot = 0;
-    for (size_t k = 0; k < table->n; k++)
-        snapshot = rc_noise(snapshot, rc_crc32(table->rows[k], RC_RELAY_ROW_BYTES + (size_t)table->m));
-    return snapshot;
+/* Where the robot itself is in the same round and has one station only, its row is known. */
+static uint8_t wrong_rows(const fd_fleet *fleet, const rc_relay_table *held) {
+    uint8_t wrong = 0;
+    for (size_t i = 0; i < FD_STATIONS; i++) {
+        const fd_station *owner = &fleet->stations[i];
+        if (!owner->radio || !owner->host_up || owner->robot != i || !(held->held >> i & 1))
+            continue;
+        const rc_relay_table *own = &owner->radio->relay;
+        if (own->round == held->round && own->held >> i & 1)
+            wrong += memcmp(own->rows[i], held->rows[i], RC_RELAY_ROW_BYTES + (size_t)held->m) != 0;
+    }
+    return wrong;
 }
 
 static void on_round(fd_fleet *fleet, fd_station *station, int64_t at_us, const uint8_t *payload) {
@@ -70,9 +75,10 @@ static void on_round(fd_fleet *fleet, fd_station *station, int64_t at_us, const 
     told->round = rc_take32(&round_at);
     told->held = rc_take(&held_at, 8);
     told->agreed = *held_at;
-    told->snapshot = snapshot_of(&station->radio->relay);
+    told->wrong = wrong_rows(fleet, &station->radio->relay);
     if (station->host_up)
-        station->host_us = at_us + FD_HOST_MIN_US + rc_noise(station->robot, told->round) % FD_HOST_SPAN_US;
+        station->host_us = at_us + fleet->answer_min_us +
+                           rc_noise(station->robot, told->round) % (fleet->answer_span_us + 1);
 }
 
 /* Only Round is opened: the others come too often. The type is the byte behind the first COBS code. */

@@ -10,7 +10,7 @@
 #include "radio_core.h"
 
 /* cdef: begin */
-enum { FD_STATIONS = 64, FD_INBOX = 96, FD_ROUNDS = 512, FD_HOST_MIN_US = 2000, FD_HOST_SPAN_US = 6000 };
+enum { FD_STATIONS = 64, FD_INBOX = 96, FD_ROUNDS = 512 };
 
 typedef struct {
     int64_t at_us;
@@ -44,13 +44,14 @@ typedef struct {
 /* What a host was told at the end of a round's observation. */
 typedef struct {
     uint8_t station, agreed;
+    uint8_t wrong; /* rows held of this round that are not what their robot sent */
     uint32_t round;
-    uint32_t snapshot; /* equal for equal rows: those of this round, else the last ones held */
     uint64_t held;
     int64_t at_us;
 } fd_round;
 
 typedef struct {
+    uint32_t answer_min_us, answer_span_us; /* how long a host takes from a Round to its STATE */
     fd_station stations[FD_STATIONS];
     uint16_t send_count, round_count; /* the caller empties both lists */
     fd_send sends[FD_STATIONS];

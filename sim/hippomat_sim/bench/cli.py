@@ -1,0 +1,67 @@
+"""hippomat-bench, the command line: a sub-command for each part that has targets. Exit codes: see --help."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from hippomat_core.errors import HippomatError
+from hippomat_sim.entry import guarded
+
+_EPILOG = """\
+exit codes: 0 all targets met; 1 a target was missed, or wrong usage
+
+examples:
+  hippomat-bench radio
+  hippomat-bench radio --nodes 30 --rate 10 --hidden 0.2 --seconds 60
+  hippomat-bench radio --loss 0.3 --json
+  hippomat-bench radio --faults --seconds 3600 --no-plain --plot agreement.png
+"""
+_RADIO = (
+    "Simulates the firmware's own radio cores on a medium with carrier sense, hidden stations and "
+    "collisions, each with a minimal host and a clock of its own; beside it the same traffic with random "
+    "jitter and unsynchronised periodic sending."
+)
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        self.exit(1, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line; returns the exit code."""
+    return guarded("hippomat-bench", lambda: _main(arguments))
+
+
+def _main(arguments: Sequence[str] | None) -> int:
+    from hippomat_sim.bench import radio_command  # here: guarded() names a package that is missing
+
+    parser = _Parser(
+        prog="hippomat-bench",
+        description="What the parts of hippomat achieve, against the targets that they were given.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="radio")
+    radio = commands.add_parser(
+        "radio",
+        help="delivery, fleet time, snapshots and STOP of a fleet of radios",
+        description=_RADIO,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    radio_command.add_options(radio)
+    radio.set_defaults(run=radio_command.run)
+    options = parser.parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except HippomatError as error:
+        print(f"hippomat-bench: {error}", file=sys.stderr)
+        return error.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
