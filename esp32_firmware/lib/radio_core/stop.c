@@ -69,6 +69,8 @@ static bool heard_stop(rc_stop_latch *latch, uint64_t now_us, const rc_stop *sto
         answer(latch, now_us);
         return false;
     }
+    if (stop->counter == latch->counter)
+        latch->raised_here = false; /* it counts for others, too */
     if (stop->counter <= latch->counter)
         return false;
     set(latch, stop->counter, latch->resumed);

@@ -28,7 +28,7 @@ typedef struct {
     uint8_t kind; /* of the flood: RC_STOP or RC_RESUME */
     uint8_t origin, reason;
     uint8_t left;               /* fast repetitions to come */
-    bool raised_here;           /* and not yet shown by anybody's STATE */
+    bool raised_here;           /* and not yet known to count for anybody else */
     uint64_t next_us, until_us; /* own time */
     uint32_t sends;             /* numbers the pauses */
     uint64_t shown;             /* robots whose STATE shows what is flooded */
