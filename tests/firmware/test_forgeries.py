@@ -57,11 +57,10 @@ def of_noise(rng: np.random.Generator, count: int) -> Iterator[Shot]:
     """Random bytes of any length; every fourth with a right version and fleet."""
     noise = rng.bytes(256 * count)
     for k in range(count):
-        frame = noise[256 * k : 256 * k + int(noise[256 * k + 255])]
-        yield (
-            mac_of(noise[256 * k + 254] % 8),
-            bytes([0x20 | frame[0] & 15, FLEET]) * (k % 4 == 0) + frame[2:],
-        )
+        frame, length, robot = noise[256 * k : 256 * k + 254], noise[256 * k + 254], noise[256 * k + 255] % 8
+        if k % 4 == 0:
+            frame = bytes([0x20 | frame[0] & 15, FLEET]) + frame[2:]
+        yield mac_of(robot), frame[:length]
 
 
 def of_flips(rng: np.random.Generator, count: int, shots: list[Shot]) -> Iterator[Shot]:

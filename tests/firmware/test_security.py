@@ -66,9 +66,12 @@ def test_every_frame_of_a_radio_with_a_key_is_sealed_whatever_it_carries():
     radio = a_keyed(robot=0)
     send(radio, A_TASK)
     send(radio, a_state(1))
-    radio.press_button(0)
-    hear(radio, 1, sealed_frame(1, 1, 1, a_state(2), time_us=1))
-    frames = air_frames(radio, 2, 900_000)
+    frames = air_frames(radio, 0, 404_000)
+    for robot in (1, 2):
+        hear(radio, 405_000, sealed_frame(robot, 1, 1, a_state(2), time_us=405_000))
+    frames += air_frames(radio, 405_001, 449_000)
+    radio.press_button(450_000)
+    frames += air_frames(radio, 450_000, 900_000)
     kinds = {codec.decode_header(frame).kind for frame in frames}
     assert kinds == {air.STATE, air.RELAY, air.TASKS, air.STOP}
     assert all(codec.decode_header(frame).sealed for frame in frames)
@@ -186,9 +189,10 @@ def test_operators_are_told_apart_by_mac_and_their_older_boots_are_kept_too():
     tasks(91, 3, 1)
     assert radio.counters.received == 2
     radio = restarted(radio)
+    tasks(92, 1, 1)
     tasks(90, 4, 2)
     tasks(91, 2, 2)
-    assert drops(radio) == {"replayed": 2}
+    assert (radio.counters.received, drops(radio)) == (1, {"replayed": 2})
 
 
 def test_right_after_its_own_restart_a_replay_of_the_present_boot_passes_once_until_a_newer_frame_came():

@@ -6,7 +6,13 @@
 
 /* ---- from the air ------------------------------------------------------------------------------------- */
 
-/* The place of a sender. Operators share one id: theirs are by MAC, the longest unheard makes room. */
+/* A stranger among the operators gets a free place, else that of the longest unheard. */
+static bool makes_room(const rc_peer *peer, const rc_peer *other) {
+    bool is_free = peer->boot == 0, other_is_free = other->boot == 0;
+    return is_free != other_is_free ? is_free : peer->heard_us < other->heard_us;
+}
+
+/* The place of a sender. Operators share one id: theirs are by MAC. */
 static rc_peer *place_of(rc_radio *rc, const rc_header *header, const uint8_t *mac) {
     if (header->sender < RC_MAX_ROBOTS)
         return &rc->peers[header->sender];
@@ -15,7 +21,7 @@ static rc_peer *place_of(rc_radio *rc, const rc_header *header, const uint8_t *m
         rc_peer *peer = &rc->operators[i];
         if (memcmp(peer->mac, mac, RC_MAC_BYTES) == 0)
             return peer;
-        if (peer->heard_us < oldest->heard_us)
+        if (makes_room(peer, oldest))
             oldest = peer;
     }
     return oldest;
