@@ -7,23 +7,51 @@ _Static_assert(RC_LINK_MAX_PAYLOAD + 4 < 2 * 254, "RC_LINK_MAX_STUFFED has room 
 
 enum { FULL_BLOCK = 255, CRC_BYTES = 4 };
 
-/* In place: the n plain bytes are at bytes[1]; bytes[0] and two places behind them are free. The length. */
-static size_t stuff(uint8_t *bytes, size_t n) {
-    size_t code = 0, end = 1 + n; /* code: where the open block's code byte goes */
-    for (size_t i = 1; i < end; i++) {
-        if (i - code == FULL_BLOCK) { /* closed only when more follows: none is left empty at the end */
-            memmove(bytes + i + 1, bytes + i, end - i);
-            end++;
-            bytes[code] = FULL_BLOCK;
-            code = i++;
-        }
-        if (bytes[i] == 0) {
-            bytes[code] = (uint8_t)(i - code);
-            code = i;
-        }
+typedef struct {
+    uint8_t *code; /* where the open block's code byte goes */
+    uint8_t *full; /* a block that is longer than its code byte can say; a message has room for one at most */
+    size_t full_length;
+} stuffing;
+
+/* The open block ends before `next`, where the next code byte goes. */
+static inline void close_block(stuffing *s, uint8_t *next) {
+    size_t length = (size_t)(next - s->code);
+    if (length >= FULL_BLOCK) {
+        s->full = s->code;
+        s->full_length = length;
     }
-    bytes[code] = (uint8_t)(end - code);
-    return end;
+    *s->code = (uint8_t)length;
+    s->code = next;
+}
+
+/* The highest bit of each of the eight bytes that is 0x00. */
+static inline uint64_t zeros_in(const uint8_t *bytes) {
+    const uint64_t low = 0x7f7f7f7f7f7f7f7fu;
+    uint64_t eight = rc_take64(&bytes);
+    return ~(((eight & low) + low) | eight | low);
+}
+
+/* In place: the n plain bytes are at bytes[1]; bytes[0] and one place behind them are free. The length. Each
+ * 0x00 makes way for the code byte of the block behind it. */
+static size_t stuff(uint8_t *bytes, size_t n) {
+    stuffing s = {.code = bytes};
+    uint8_t *at = bytes + 1, *end = at + n;
+    for (; end - at >= 8; at += 8)
+        for (uint64_t zeros = zeros_in(at); zeros != 0; zeros &= zeros - 1)
+            close_block(&s, at + (unsigned)__builtin_ctzll(zeros) / 8);
+    for (; at < end; at++)
+        if (*at == 0)
+            close_block(&s, at);
+    close_block(&s, end);
+    /* A full last block needs no empty one behind it. */
+    if (s.full != NULL && s.full + FULL_BLOCK != end) {
+        uint8_t *cut = s.full + FULL_BLOCK;
+        memmove(cut + 1, cut, (size_t)(end - cut));
+        end++;
+        *s.full = FULL_BLOCK;
+        *cut = (uint8_t)(s.full_length - FULL_BLOCK + 1);
+    }
+    return (size_t)(end - bytes);
 }
 
 size_t rc_cobs_encode(const uint8_t *payload, size_t n, uint8_t *out) {
