@@ -64,7 +64,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         ("--answer-ms", float, default.answer_ms, "MS", "a host answers a round after 1 ms to this"),
         ("--deaths", int, default.deaths, "K", "robots that die for good during the run"),
         ("--reboots", int, default.reboots, "K", "reboots during the run"),
-        ("--partitions", int, default.partitions, "K", "times that the fleet falls into two parts"),
+        (
+            "--partitions",
+            int,
+            default.partitions,
+            "K",
+            "times that the fleet falls apart, half of the run in all",
+        ),
         ("--stops", int, default.stops, "K", "STOPs raised, and resumed, after the run"),
         ("--seed", int, default.seed, "N", "of clocks, losses, hidden pairs and faults"),
     )

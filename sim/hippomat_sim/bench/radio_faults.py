@@ -40,26 +40,23 @@ def _script(settings: RadioSettings, rng: random.Random, start_us: int, end_us: 
         yield Fault(begin_us + 3_000_000, "kill", dead)
         yield Fault(begin_us + 3_000_000 + _DEAD_US, "boot", dead)
         yield Fault(begin_us + 20_000_000, "boot", rebooted)
-        yield from _partition(settings, rng, begin_us + 35_000_000)
+        yield from _partition(settings, rng, begin_us + 35_000_000, _PARTITION_US)
 
 
 def _counted(settings: RadioSettings, rng: random.Random, start_us: int, end_us: int) -> Iterator[Fault]:
-    """As many of each as asked for, spread over the run."""
+    """As many of each as asked for, spread over the run; a partition lasts half of its share of it."""
     latest_us = end_us - SETTLING_US
     for station in rng.sample(range(settings.nodes), settings.deaths):
         yield Fault(_some_time(rng, start_us, latest_us), "kill", (station,))
     for _ in range(settings.reboots):
         yield Fault(_some_time(rng, start_us, latest_us), "boot", (rng.randrange(settings.nodes),))
     for k in range(settings.partitions):
-        span_us = (end_us - start_us) // settings.partitions
-        yield from _partition(settings, rng, (start_us + k * span_us) // _GRID_US * _GRID_US, span_us // 2)
+        span_us = (end_us - start_us) // settings.partitions // _GRID_US * _GRID_US
+        yield from _partition(settings, rng, start_us + k * span_us, span_us // 2)
 
 
-def _partition(
-    settings: RadioSettings, rng: random.Random, at_us: int, longest_us: int = _PARTITION_US
-) -> Iterator[Fault]:
+def _partition(settings: RadioSettings, rng: random.Random, at_us: int, length_us: int) -> Iterator[Fault]:
     cut_off = rng.sample(range(settings.nodes), rng.randint(1, settings.nodes - 1))
-    length_us = min(_PARTITION_US, longest_us // _GRID_US * _GRID_US)
     yield Fault(at_us, "part", tuple(cut_off))
     yield Fault(at_us + length_us, "heal")
 

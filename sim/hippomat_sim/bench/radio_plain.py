@@ -47,9 +47,9 @@ def run_plain(settings: RadioSettings, ours: OurFigures, habit: Habit, progress:
 
 def _sends(settings: RadioSettings, ours: OurFigures, habit: Habit, rounds: int) -> Iterator[_Send]:
     rng = random.Random(f"{habit} {settings.seed}")
-    most = math.ceil(ours.relays_per_state)
     frames = [(1.0, _frame(STATE, ours.state_bytes))]
-    frames += [(ours.relays_per_state / max(most, 1), _frame(RELAY, ours.relay_bytes))] * most
+    if most := math.ceil(ours.relays_per_state):
+        frames += [(ours.relays_per_state / most, _frame(RELAY, ours.relay_bytes))] * most
     round_us = settings.round_us
     for station in range(settings.nodes):
         period_us = round_us * (1 + rng.uniform(-1, 1) * settings.drift_ppm / 1e6)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from hippomat_core.config import MAX_ROBOTS, MAX_TASK_SLOTS
+from hippomat_core.config import MAX_ROBOTS, MAX_TASK_SLOTS, ROBOTS_PER_SECOND_OF_ROUND
 from hippomat_core.errors import ConfigError
 from hippomat_sim.air import AirSettings, hidden_pairs
 
@@ -71,6 +71,11 @@ def checked(settings: RadioSettings) -> RadioSettings:
     for option, value, low, high in ranges:
         if not low <= value <= high:
             raise ConfigError(f"{option} {value:g} is outside {low:g} .. {high:g}")
-    if not math.isclose(settings.round_us % 1000, 0):
+    round_ms = 1000 / settings.rate_hz
+    if not math.isclose(round_ms, round(round_ms)):
         raise ConfigError(f"--rate {settings.rate_hz:g}: a round must take whole milliseconds (try 10)")
+    highest_hz = ROBOTS_PER_SECOND_OF_ROUND / settings.nodes
+    if settings.rate_hz > highest_hz:
+        remedy = f"--rate {math.floor(highest_hz)} or less"
+        raise ConfigError(f"{settings.nodes} nodes do not fit into a round of {round_ms:g} ms: {remedy}")
     return settings

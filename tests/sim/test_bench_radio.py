@@ -1,0 +1,153 @@
+"""hippomat-bench radio: what it prints, when it fails, and that it tells good schedules from bad ones."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hippomat_sim.bench.cli import main
+from hippomat_sim.bench.radio_settings import RadioSettings
+from hippomat_sim.bench.radio_targets import Target
+
+SHORT = ["radio", "--nodes", "12", "--seconds", "5", "--stops", "1", "--json"]
+
+
+def figures(arguments: list[str], capsys: pytest.CaptureFixture[str], expected: int = 0) -> dict[str, Any]:
+    assert main(arguments) == expected
+    return json.loads(capsys.readouterr().out)  # type: ignore[no-any-return]
+
+
+def test_a_clean_channel_meets_all_targets_and_says_everything(capsys: pytest.CaptureFixture[str]) -> None:
+    said = figures([*SHORT, "--seed", "3"], capsys)
+    assert said["met"] is True
+    assert said["settings"] | {"nodes": 12, "seconds": 5.0, "seed": 3} == said["settings"]
+    ours = said["ours"]
+    assert ours["traffic"]["direct"] == {"mean": 1.0, "worst": 1.0}
+    assert ours["rows"] == {"mean": 1.0, "worst": 1.0}
+    assert ours["complete"] == ours["identical"] == 1.0
+    assert ours["judged"] == pytest.approx(12 * 50, abs=12)
+    assert ours["traffic"]["frames_per_round"] >= 12
+    assert 0 < ours["traffic"]["airtime"] < 0.4
+    assert 0 < max(ours["agreement_us"]) <= 300
+    assert (ours["steps_back"], ours["wrong_rows"], ours["faults"]) == (0, 0, 0)
+    assert len(ours["stop_ms"]) == 1
+    assert 0 < ours["stop_ms"][0] <= 300
+    assert set(said["plain"]) == {"random jitter", "periodic"}
+    assert {target["name"] for target in said["targets"]} > {"airtime", "complete snapshots"}
+
+
+def test_with_hidden_pairs_only_the_schedule_does_without_collisions(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    said = figures([*SHORT, "--hidden", "0.2"], capsys)
+    ours = said["ours"]["traffic"]
+    assert ours["collided"] == 0
+    assert ours["direct"]["mean"] == 1.0
+    for plain in said["plain"].values():
+        assert plain["collided"] > 0
+        assert plain["direct"]["mean"] < ours["direct"]["mean"]
+        assert plain["direct"]["worst"] < plain["direct"]["mean"]
+        assert plain["frames_per_round"] == pytest.approx(ours["frames_per_round"], rel=0.05)
+        assert plain["airtime"] == pytest.approx(ours["airtime"], rel=0.05)
+
+
+def test_relays_complete_the_snapshots_where_a_third_of_the_frames_is_lost(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    ours = figures([*SHORT, "--loss", "0.3", "--no-plain"], capsys)["ours"]
+    assert ours["traffic"]["direct"]["mean"] == pytest.approx(0.7, abs=0.03)
+    assert ours["rows"]["mean"] > 0.999
+    assert ours["relays_per_state"] > 0
+
+
+def test_a_missed_target_is_exit_code_1_and_named(capsys: pytest.CaptureFixture[str]) -> None:
+    # Hosts that answer when the STATE phase is over: their rows come a phase late or not at all.
+    late = ["radio", "--nodes", "30", "--seconds", "5", "--stops", "0", "--no-plain", "--answer-ms", "95"]
+    assert main(late) == 1
+    assert "missed:" in capsys.readouterr().out
+
+
+def test_the_same_seed_gives_the_same_figures_and_another_seed_others(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    air = ["--loss", "0.2", "--hidden", "0.1", "--late", "0.1", "--bursts", "link"]
+    arguments = [*SHORT, *air, "--seconds", "10", "--reboots", "1", "--partitions", "1"]
+    assert main([*arguments, "--seed", "5"]) in (0, 1)
+    first = capsys.readouterr().out
+    assert json.loads(first)["ours"]["faults"] == 3
+    assert main([*arguments, "--seed", "5"]) in (0, 1)
+    assert capsys.readouterr().out == first
+    assert main([*arguments, "--seed", "6"]) in (0, 1)
+    assert json.loads(capsys.readouterr().out)["ours"] != json.loads(first)["ours"]
+
+
+def test_faults_are_played_and_the_others_go_on(capsys: pytest.CaptureFixture[str]) -> None:
+    faults = ["--deaths", "2", "--reboots", "2", "--partitions", "1", "--late", "0.1"]
+    ours = figures([*SHORT, "--seconds", "20", "--no-plain", *faults], capsys)["ours"]
+    assert ours["faults"] == 2 + 2 + 2  # a partition begins and ends
+    assert ours["complete"] >= 0.999
+    assert max(ours["agreement_us"]) <= 300
+    assert ours["steps_back"] == 0
+
+
+def test_the_table_names_what_is_measured(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    plot = tmp_path / "agreement.png"
+    assert main([*SHORT[:-1], "--plot", str(plot)]) == 0
+    said = capsys.readouterr().out
+    for words in ("our schedule", "random jitter", "periodic", "airtime", "STOP", "all targets met"):
+        assert words in said
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--nodes", "1"], "--nodes 1 is outside 2 .. 64"),
+        (["--nodes", "60"], "60 nodes do not fit into a round of 100 ms: --rate 5 or less"),
+        (["--rate", "0"], "--rate 0 is outside"),
+        (["--rate", "7"], "--rate 7: a round must take whole milliseconds"),
+        (["--loss", "1.5"], "--loss 1.5 is outside"),
+        (["--seconds", "nan"], "--seconds nan is outside"),
+        (["--deaths", "30"], "--deaths 30 is outside 0 .. 28"),
+        (["--plot", "/nowhere/a.png"], "there is no directory /nowhere"),
+    ],
+)
+def test_bad_values_are_one_line_and_exit_code_1(
+    arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["radio", *arguments]) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("hippomat-bench: ")
+    assert complaint in said.err
+    assert said.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [[], ["fly"], ["radio", "--nodes", "many"]])
+def test_wrong_usage_exits_with_1(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 1
+    assert "--help" in capsys.readouterr().err
+
+
+def test_help_has_examples_and_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["radio", "--help"])
+    said = capsys.readouterr().out
+    assert "exit codes:" in said
+    assert "hippomat-bench radio --loss 0.3 --json" in said
+
+
+def test_what_was_not_measured_meets_no_target() -> None:
+    nan = float("nan")
+    assert not Target("STOP", nan, 300.0, False, "ms").met
+    assert not Target("delivery", nan, 99.5, True, "%").met
+
+
+def test_the_defaults_are_those_of_the_issue() -> None:
+    settings = RadioSettings()
+    assert (settings.nodes, settings.rate_hz, settings.tasks, settings.seconds) == (30, 10.0, 30, 60.0)
