@@ -184,3 +184,10 @@ def test_without_a_key_a_boot_counter_that_was_not_stored_silences_nothing():
     send(radio, a_state(1))
     assert len(sent_until(radio, 0, 900_000)) == 1
     assert not radio.condition(900_000).flags & link.FLAG_UNSAFE
+
+
+def test_a_silent_radio_with_a_stop_to_send_does_not_ask_to_be_woken_at_once():
+    radio = a_radio(robot=1, fleet=FLEET, key=KEY, boot_kept=False)
+    radio.press_button(0)
+    radio.tick(1)
+    assert radio.next_us(1) > 1000

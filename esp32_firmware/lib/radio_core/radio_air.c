@@ -274,7 +274,7 @@ static size_t take_body(rc_radio *rc, uint64_t now_us, uint8_t *kind, uint8_t *b
 }
 
 size_t rc_air_tx(rc_radio *rc, uint64_t now_us, uint8_t *out) {
-    if (rc->flight.up || !rc->boot_ready || rc->provisioning || rc->restart)
+    if (rc->flight.up || !rc_may_send(rc))
         return 0;
     if (rc->sequence == RC_MAX_SEQUENCE) {
         begin_next_boot(rc);

@@ -238,7 +238,7 @@ uint64_t rc_next_us(const rc_radio *rc, uint64_t now_us) {
     next_us = earlier(next_us, rc->next_status_us);
     if (rc->flight.up)
         next_us = earlier(next_us, rc->flight.since_us + RC_IN_FLIGHT_TIMEOUT_US);
-    else
+    else if (rc_may_send(rc))
         next_us = earlier(next_us, rc_stop_due_us(&rc->stop));
     return next_us > now_us ? next_us : now_us;
 }

@@ -19,6 +19,11 @@ static inline bool rc_is_robot(const rc_radio *rc) {
     return rc->config.memory.identity.robot != RC_NO_ROBOT;
 }
 
+/* Its boot counter is stored, and is the one that it will go on with. */
+static inline bool rc_may_send(const rc_radio *rc) {
+    return rc->boot_ready && !rc->provisioning && !rc->restart;
+}
+
 /* Bit k of robots that were heard of within RC_DEAD_US. */
 uint64_t rc_alive(const rc_radio *rc, uint64_t now_us);
 
