@@ -53,7 +53,7 @@ class Medium:
 
     def __init__(self, stations: int, settings: AirSettings, seed: int) -> None:
         self._settings = settings
-        self._random = random.Random(f"medium {seed}")
+        self._driver_random = random.Random(f"driver {seed}")
         losses, fates, noise = np.random.SeedSequence(seed).spawn(3)
         self._losses = Losses(stations, settings, np.random.default_rng(losses))
         self._fates = Draws(np.random.default_rng(fates), 4 * stations)
@@ -64,7 +64,7 @@ class Medium:
         for a, b in settings.hidden:
             self._in_range[a, b] = self._in_range[b, a] = False
         self._hears = self._in_range  # (S, S) [sender, receiver]
-        self._carrier = Carrier(self._hears, settings.rate_mbps, self._random)
+        self._carrier = Carrier(self._hears, settings.rate_mbps, random.Random(f"back-off {seed}"))
         self.positions_m = [(0.0, 0.0)] * stations
         self._ahead: list[tuple[int, int, Happening]] = []  # heap by time, then order of creation
         self._created = 0
@@ -104,13 +104,9 @@ class Medium:
         """The end of a partition."""
         self._hears = self._carrier.senses = self._in_range
 
-    def hears(self, sender: int, receiver: int) -> bool:
-        """Whether the receiver is in reach of the sender now."""
-        return bool(self._hears[sender, receiver])
-
     def send(self, now_us: int, sender: int, frame: bytes) -> None:
         """Ask for the channel. The Left that follows says when the frame was out."""
-        delay_us = self._settings.driver_us + self._random.randint(0, self._settings.driver_jitter_us)
+        delay_us = self._settings.driver_us + self._driver_random.randint(0, self._settings.driver_jitter_us)
         self._carrier.ask(now_us + delay_us, sender, frame)
 
     def next_us(self) -> int | None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hippomat_core.wire.cobs import FrameDecoder
 from hippomat_core.wire.codec import encode_body
 from hippomat_core.wire.frames import STOP, StopFrame
-from hippomat_core.wire.link import LINK_VERSION, Hello, SendBody, decode_message, encode_message
+from hippomat_core.wire.link import LINK_VERSION, Command, Hello, decode_message, encode_message
 from hippomat_core.wire.link import Heard as HeardMessage
 from hippomat_sim.carrier import DIFS_US, SENSE_US
 from hippomat_sim.devices.virtual_radio import VirtualRadio
@@ -148,20 +148,21 @@ def test_signal_falls_with_distance() -> None:
     assert far == pytest.approx(near - 22 * math.log10(30), abs=3)
 
 
-def test_a_frame_goes_from_radio_to_radio_and_its_duplicate_is_flagged_by_the_firmware() -> None:
+def test_a_frame_goes_from_radio_to_radio_and_its_duplicate_is_dropped_by_the_firmware() -> None:
     medium = Medium(2, AirSettings(duplicate=1.0), seed=3)
     radios = [VirtualRadio(station, 3, medium) for station in range(2)]
     for robot, radio in enumerate(radios):
-        radio.receive(0, encode_message(Hello(LINK_VERSION, robot, 1, 1)))
-    body = encode_body(StopFrame(7, 0, 1))
-    radios[0].receive(1000, encode_message(SendBody(STOP, body)))
-    while (happening := medium.pop(100_000)) is not None:
+        radio.receive(0, encode_message(Hello(LINK_VERSION, robot, 1, 1, 100, 2)))
+    radios[0].receive(1000, encode_message(Command(STOP, 0, 1)))
+    while (happening := medium.pop(4000)) is not None:
         if isinstance(happening, Left):
             radios[happening.sender].sent(happening.at_us)
         else:
-            radios[happening.receiver].heard(happening.at_us, happening.rssi_dbm, happening.frame)
-    assert radios[1].radio.counters.received == 1
-    assert radios[1].radio.counters.dropped_duplicate == 1
+            assert happening.receiver != happening.sender
+            radio = radios[happening.receiver]
+            radio.heard(happening.at_us, happening.rssi_dbm, happening.sender, happening.frame)
+    for radio in radios:
+        assert radio.radio.counters.received == radio.radio.counters.dropped_replayed == 1
     messages = [decode_message(payload) for payload in FrameDecoder().feed(radios[1].for_host())]
     heard = [message for message in messages if isinstance(message, HeardMessage)]
-    assert [message.frame[16:] for message in heard] == [body]
+    assert [message.frame[16:] for message in heard] == [encode_body(StopFrame(1, 255, 1))]

@@ -19,7 +19,7 @@ def draw(settings: RadioSettings, ours: OurFigures, path: Path) -> None:
     """Write the PNG."""
     figure = Figure(figsize=(9.0, 4.2), dpi=150, facecolor="white")
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.085, 0.13, 0.89, 0.72))
+    axes = figure.add_axes((0.085, 0.13, 0.89, 0.71))
     stretches = np.array_split(np.arange(len(ours.times_s)), min(_COLUMNS, len(ours.times_s)))
     times_s = np.array([ours.times_s[stretch[0]] for stretch in stretches])
     median_us = np.array([np.median(ours.spreads_us[stretch]) for stretch in stretches])
@@ -28,7 +28,7 @@ def draw(settings: RadioSettings, ours: OurFigures, path: Path) -> None:
     axes.plot(times_s, median_us, color="#0072B2", linewidth=1.0, label="median")
     axes.axhline(MAX_AGREEMENT_US, color="#D55E00", linewidth=1.2, linestyle="--", label="target")
     axes.set_xlim(0, max(float(ours.times_s[-1]), 1.0))
-    axes.set_ylim(0, 1.08 * max(MAX_AGREEMENT_US, float(ours.spreads_us.max())))
+    axes.set_ylim(0, 1.25 * max(MAX_AGREEMENT_US, float(ours.spreads_us.max())))
     axes.set_xlabel("time since two seconds after the start [s]")
     axes.set_ylabel("widest difference of fleet time [us]")
     axes.grid(color="#e5e5e5", linewidth=0.6)
