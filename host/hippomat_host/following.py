@@ -20,6 +20,7 @@ from hippomat_host.unheard import why_nobody
 DEADLINE_S = 5.0
 SOME_DID_NOT = 2
 _REPEAT_S = 0.3  # a command that the radio has not obeyed by then is said again
+_SILENT_S = 1.0
 _STALE_S = 0.1  # frames of before the command may still wait in the radio
 
 
@@ -93,12 +94,11 @@ class Following:
         return 0
 
     def _why_not(self, robot: int) -> str:
-        shown = self._watch.robots.get(robot)
-        if shown is None:
-            return "its radio is heard, but it sends no STATE: is its daemon running?"
-        silent_s = time.monotonic() - shown.at_s
-        if silent_s > 1.0:
-            return f"SILENT for {silent_s:.1f} s"
+        shown, now_s = self._watch.robots.get(robot), time.monotonic()
+        if shown is None or now_s - shown.at_s > _SILENT_S:
+            silent = "no STATE of it was heard" if shown is None else f"SILENT for {now_s - shown.at_s:.1f} s"
+            alive = robot in self._watch.radios_now
+            return silent + ", but its radio is heard: is its daemon running?" * alive
         if not shown.stopped:
             return "NOT STOPPED"
         return f"STOPPED by STOP {shown.counter}" if shown.counter >= 0 else "STOPPED"

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
-from rich.console import Console
 from rich.table import Table
 from serial.tools.list_ports import comports
 
@@ -17,6 +16,7 @@ from hippomat_core.messages import RADIO
 from hippomat_host.acceptance import FLAGS
 from hippomat_host.identify import ASK, UNKNOWN
 from hippomat_host.probe import probe
+from hippomat_host.screen import table_console
 from hippomat_host.serial_port import BusyPort, present_ports
 
 
@@ -49,7 +49,7 @@ def list_ports(paths: Sequence[str]) -> int:
     for row in rows:
         also = "".join(f"\nalso called {name}" for name in row.names)
         table.add_row(row.path, row.what, row.flag, "\n".join(filter(None, (row.text, row.usb))) + also)
-    Console(highlight=False, markup=False).print(table)
+    table_console().print(table)
     return 0
 
 

@@ -56,9 +56,9 @@ def provision(path: str, wanted: Wanted, now_s: float) -> int:
         radio.forget_stale()
         before = radio.reply
         print(f"{path}: {firmware(before)}, MAC {before.mac.hex(':')}", flush=True)
-        print(f"it was: {_was(before)}", flush=True)
-        written = _write(radio, wanted, int(now_s))
-        print(f"written: {_what(wanted)}; boot counter from {written.boot_counter}", flush=True)
+        print(f"it was: {who(before)}", flush=True)
+        answered = _write(radio, wanted, int(now_s))
+        print(f"{'written' if answered else 'sent, and the port went away'}: {_what(wanted)}", flush=True)
         after = _restarted(radio, before.boot_id)
     _verify(path, wanted, after)
     print(f"restarted, and says: {who(after)}; boot counter {after.boot_counter}")
@@ -71,16 +71,15 @@ def provision(path: str, wanted: Wanted, now_s: float) -> int:
     return 0
 
 
-def _write(radio: Conversation, wanted: Wanted, unix_s: int) -> Provisioned:
+def _write(radio: Conversation, wanted: Wanted, unix_s: int) -> bool:
+    """True: the radio says that it is stored. False: its port went away with the answer."""
     key = b"" if wanted.key is None else wanted.key.key
     identity = (wanted.robot, wanted.fleet, wanted.channel, wanted.rate_mbps)
     radio.say(Provision(LINK_VERSION, *identity, key, unix_s))
     try:
         answer = radio.await_kind(Provisioned, STORE_S)
-    except Vanished as error:
-        raise PortError(
-            f"{error}: whether it was written is not known; see `hippomat-host radio-info`"
-        ) from None
+    except Vanished:
+        return False
     if answer is None:
         raise PortError(
             f"the radio on {radio.path} did not say within {STORE_S:.0f} s that it stored anything: "
@@ -91,14 +90,14 @@ def _write(radio: Conversation, wanted: Wanted, unix_s: int) -> Provisioned:
             f"the radio on {radio.path} could not store it (its flash is full or damaged): repeat; if that "
             "does not help, `pio run -t erase -t upload` in esp32_firmware and provision again"
         )
-    return answer
+    return True
 
 
 def _restarted(radio: Conversation, boot_id: int) -> HelloReply:
     """What the radio says after its restart; its port may go away meanwhile."""
     until_s = time.monotonic() + RESTART_S
     late = (
-        f"{radio.path}: written, but the radio did not come back within {RESTART_S:.0f} s: "
+        f"{radio.path}: the radio did not come back within {RESTART_S:.0f} s of being written: "
         "unplug it, plug it in, and see `hippomat-host radio-info`"
     )
     while time.monotonic() < until_s:
@@ -129,10 +128,6 @@ def _verify(path: str, wanted: Wanted, reply: HelloReply) -> None:
             f"the radio on {path} cannot store its boot counter and stays silent: "
             "`pio run -t erase -t upload` in esp32_firmware, then provision again"
         )
-
-
-def _was(reply: HelloReply) -> str:
-    return who(reply) if reply.flags & FLAG_PROVISIONED else f"not provisioned ({who(reply)})"
 
 
 def _what(wanted: Wanted) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -24,6 +24,7 @@ from hippomat_core.wire.link import (
 )
 from hippomat_host import radio_words as words
 from hippomat_host.conversation import ANSWER_S, Conversation
+from hippomat_host.screen import table_console
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ def radio_info(path: str, as_json: bool) -> int:
     if as_json:
         print(json.dumps(as_tree(info), indent=2))
     else:
-        Console(highlight=False, markup=False).print(picture(info))
+        table_console().print(picture(info))
     return 0
 
 
@@ -144,7 +145,8 @@ def _peer_table(info: RadioInfo) -> RenderableType:
         return Text("hears nobody since its boot", style="dim")
     table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0))
     for name in ("peer", "state", "last heard", "RSSI", "loss", "received", "MAC", "boot"):
-        table.add_column(name, justify="left" if name in ("peer", "state", "MAC") else "right")
+        justify: Literal["left", "right"] = "left" if name in ("peer", "state", "MAC") else "right"
+        table.add_column(name, justify=justify, overflow="fold")
     for peer in info.peers:
         state = _state(peer)
         style = "red" if peer.flags & (PEER_BABBLING | PEER_DUPLICATE) else "" if state == "alive" else "dim"

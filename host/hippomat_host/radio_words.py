@@ -71,7 +71,7 @@ def owner(radio: Identified) -> str:
     if radio.robot != link.NO_ROBOT:
         return f"robot {radio.robot}"
     provisioned = radio.flags & link.FLAG_PROVISIONED
-    return "an operator's radio" if provisioned else "nobody's radio (not provisioned)"
+    return "an operator's radio" if provisioned else "a new radio (not provisioned)"
 
 
 def who(radio: Identified) -> str:

@@ -24,6 +24,7 @@ from hippomat_host.render import picture, plain
 REFRESH_S = 0.5
 LINE_EVERY_S = 5.0
 MAX_LINES = 200
+PIPE_WIDTH = 120
 _WAKE_S = 0.1
 
 
@@ -127,6 +128,11 @@ def screen_for(given: Given) -> Screen:
     if sys.stdout.isatty():
         return Screen(lambda: LiveFace(given))
     return Screen(lambda: PlainFace(given))
+
+
+def table_console() -> Console:
+    """For one table; a pipe takes it whole, whatever the terminal's width would be."""
+    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPE_WIDTH)
 
 
 def _to_stdout(text: str) -> None:

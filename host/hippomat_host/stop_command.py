@@ -28,6 +28,7 @@ from hippomat_host.radio_words import named, who
 from hippomat_host.stop_watch import StopWatch
 from hippomat_host.unheard import why_nobody
 
+LAST_STOP = 65_535  # as in stop.h
 LISTEN_S = 1.5  # to know the fleet: 15 rounds
 _OTHER_WAY = "holding the BOOT button of any radio for 1 s stops the fleet, too"
 
@@ -126,6 +127,11 @@ def _nothing_to_resume(radio: Conversation, watch: StopWatch) -> int:
 
 def _check_latched(path: str, watch: StopWatch) -> None:
     """The radio resumes only what it knows to be latched; it learns that from any STATE."""
+    if watch.counter >= LAST_STOP:
+        raise PortError(
+            f"STOP {watch.counter} is the last there is and is never resumed: provision all radios of the "
+            "fleet with a new key or fleet id, which begins to count anew"
+        )
     if watch.latched and watch.status is not None and watch.status.stop_counter == watch.counter:
         return
     raise PortError(

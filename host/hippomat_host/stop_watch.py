@@ -69,6 +69,11 @@ class StopWatch:
         return sorted(self.robots.keys() | self.radios)
 
     @property
+    def radios_now(self) -> list[int]:
+        """Robots whose radio was heard within 3 s, as our radio said last."""
+        return robots_of(self.status.alive) if self.status is not None else []
+
+    @property
     def latched(self) -> bool:
         """Our own radio is."""
         return self.status is not None and latched(self.status)

@@ -13,9 +13,9 @@ from hippomat_core.wire import rplidar
 from hippomat_core.wire.jetbot_base import encode_velocity
 from hippomat_host.advice import Given
 from hippomat_host.daemon import Daemon, NoRecording
+from hippomat_host.faults import as_error
 from hippomat_host.happenings import END, OPENED, READ, START, TICK, Happening
 from hippomat_host.screen import PlainFace, Screen
-from hippomat_host.faults import as_error
 
 
 class WiredLink:
