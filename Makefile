@@ -9,7 +9,7 @@ SOURCES := pyproject.toml constraints.txt
 
 export HIPPOMAT_DATA ?= $(abspath ../shared/data)
 
-.PHONY: demo test lint check bench format clean
+.PHONY: demo test lint check bench fuzz format clean
 
 demo: $(VENV)/.sim
 	$(BIN)/hippomat-sim demo
@@ -28,6 +28,10 @@ check: lint test
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m benchmarks
+
+# 1,000,000 inputs for the firmware's parsers under sanitizers, 1,000,000 for C beside Python (INPUTS=...).
+fuzz: $(VENV)/.dev
+	bash esp32_firmware/fuzz/run.sh
 
 format: $(VENV)/.dev
 	$(BIN)/ruff check --fix --exit-zero .

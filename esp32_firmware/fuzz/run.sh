@@ -7,7 +7,7 @@ work=build/fuzz
 core=esp32_firmware/lib/radio_core
 command -v clang >/dev/null || { echo "make fuzz: clang was not found: install it (Debian: apt install clang)" >&2; exit 1; }
 mkdir -p "$work"
-.venv/bin/python tests/firmware/fuzz_corpus.py "$work/corpus"
+${PYTHON:-.venv/bin/python} tests/firmware/fuzz_corpus.py "$work/corpus"
 
 # target, share of the inputs in percent
 for job in "fuzz_frame 60" "fuzz_air 25" "fuzz_usb 15"; do
@@ -24,5 +24,5 @@ for job in "fuzz_frame 60" "fuzz_air 25" "fuzz_usb 15"; do
     grep -q "number_of_executed_units" "$work/$target.log" && ! grep -q "SUMMARY" "$work/$target.log" ||
         { echo "make fuzz: $target failed: see $work/$target.log and the input beside it" >&2; exit 1; }
 done
-PYTHONPATH=tests/firmware .venv/bin/python tests/firmware/fuzz_agree.py "$inputs" 1 "$work/new"
+PYTHONPATH=tests/firmware ${PYTHON:-.venv/bin/python} tests/firmware/fuzz_agree.py "$inputs" 1 "$work/new"
 echo "make fuzz: no findings"

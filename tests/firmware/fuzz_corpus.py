@@ -1,4 +1,7 @@
-"""The seed corpus of the fuzz targets, from the golden wire; one folder a target. Run: fuzz_corpus.py DIRECTORY."""
+"""The seed corpus of the fuzz targets, from the golden wire; one folder a target.
+
+    python tests/firmware/fuzz_corpus.py DIRECTORY
+"""
 
 from __future__ import annotations
 
