@@ -77,6 +77,7 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, default=1, help="start poses, tasks, noise, radio losses (default 1)")
     add("--speed", type=float, metavar="M/S", help="speed limit of the robots (default: as configured, 0.2)")
     add("--config", type=Path, metavar="TOML", help="base for the hippomat.toml that all daemons get")
+    add("--sealed", action="store_true", help="the fleet has a key: frames are encrypted and authentic")
     add("--out", type=Path, metavar="DIR", help="where everything goes (default runs/sim-TIME)")
     add(
         "--record-truth",
@@ -99,6 +100,7 @@ def _settings(options: argparse.Namespace) -> RunSettings:
         options.speed,
         options.config,
         options.record_truth,
+        sealed=options.sealed,
     )
 
 

@@ -44,7 +44,7 @@ class FleetEar:
 
     def hear(self, at_us: int, frame: bytes) -> None:
         """One frame as it was on the air."""
-        if frame[0] & 15 != STATE:
+        if frame[0] & 7 != STATE:  # bit 3: sealed
             return
         try:
             header, state = decode_frame(frame)

@@ -7,6 +7,7 @@ long, the world's clock stands still for that time instead of jumping (slipped_s
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import signal
 import time
@@ -80,6 +81,8 @@ class FleetRun:
             self.config.lidar,
             AirSettings(loss=settings.loss),
             fleet=self.config.fleet.id,
+            channel=self.config.fleet.channel,
+            key=_fleet_key(settings.seed) if settings.sealed else b"",
         )
         self.simulation = Simulation(setup, settings.out / "ports")
         self.daemons: list[Daemon] = []
@@ -249,6 +252,11 @@ class FleetRun:
         if self.settings.record_truth:
             _write_truth(result)
         return result
+
+
+def _fleet_key(seed: int) -> bytes:
+    """16 bytes; a simulated fleet has nothing to hide."""
+    return hashlib.sha256(b"hippomat simulated fleet %d" % seed).digest()[:16]
 
 
 def _write_truth(result: RunResult) -> None:

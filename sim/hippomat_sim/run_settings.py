@@ -26,6 +26,7 @@ class RunSettings:
     config: Path | None = None
     record_truth: bool = True
     record_logs: bool = True
+    sealed: bool = False  # the fleet has a key
 
 
 def checked(settings: RunSettings) -> RunSettings:

@@ -23,6 +23,7 @@ from hippomat_sim.lidar_rays import measure, poses_between
 from hippomat_sim.medium import AirSettings, Heard, Medium
 from hippomat_sim.pty_port import PtyPort
 from hippomat_sim.radio import Memory
+from hippomat_sim.radio.opening import opened
 from hippomat_sim.world import SUBSTEP_S, Body, World
 
 TICK_US = 10_000
@@ -45,6 +46,8 @@ class SimulationSetup:
     odometry_errors: OdometryErrors = field(default_factory=OdometryErrors)
     range_errors: RangeErrors = field(default_factory=RangeErrors)
     fleet: int = 1
+    channel: int = 1
+    key: bytes = field(default=b"", repr=False)  # b"": OPEN
 
 
 @dataclass(slots=True)
@@ -89,10 +92,19 @@ class Simulation:
         return Robot(
             VirtualBase(seed, self.setup.odometry_errors),
             VirtualLidar(seed, self.setup.range_errors),
-            VirtualRadio(number, self.setup.seed, self.medium, Memory(fleet=self.setup.fleet)),
+            VirtualRadio(number, self.setup.seed, self.medium, self._provisioned(number)),
             PtyPort(directory / f"base{number}"),
             PtyPort(directory / f"lidar{number}"),
             PtyPort(directory / f"radio{number}"),
+        )
+
+    def _provisioned(self, robot: int) -> Memory:
+        """Without a key a new radio, which takes its identity from the daemon; with one, a provisioned one."""
+        fleet, key = self.setup.fleet, self.setup.key
+        return (
+            Memory(robot, fleet, self.setup.channel, provisioned=True, key=key)
+            if key
+            else Memory(fleet=fleet)
         )
 
     def close(self) -> None:
@@ -139,8 +151,9 @@ class Simulation:
                 robot = self.robots[happening.receiver]
                 robot.radio.heard(happening.at_us, happening.rssi_dbm, happening.sender, happening.frame)
             else:
-                self.ear.hear(happening.at_us, happening.frame)
                 robot = self.robots[happening.sender]
+                if frame := opened(self.setup.key, robot.radio.mac, happening.frame):
+                    self.ear.hear(happening.at_us, frame)
                 robot.radio.sent(happening.at_us)
             self._radio_to_host(robot, now_us)
         for robot in self.robots:
