@@ -89,22 +89,23 @@ def test_the_largest_state_goes_out_sealed_in_250_bytes():
     assert len(frame) == len(sealed)
 
 
-@pytest.mark.parametrize(
-    ("frame", "cause"),
-    [
-        (sealed_frame(5, 1, 1, a_state(), fleet=8), "foreign"),
-        (b"\x30" + sealed_frame(5, 1, 1, a_state())[1:], "foreign"),
-        (sealed_frame(5, 1, 1, a_state())[:15], "malformed"),
-        (b"", "malformed"),
-        (sealed_frame(5, 1, 1, a_state()).ljust(251, b"\0"), "malformed"),
-        (b"\x21" + sealed_frame(5, 1, 1, a_state())[1:], "seal"),
-        (sealed_frame(5, 1, 1, a_state())[:-1], "forged"),
-        (sealed_frame(5, 1, 1, a_state())[:20], "forged"),
-        (sealed_frame(5, 1, 1, a_state()) + b"\0", "forged"),
-        (sealed_frame(5, 1, 1, a_state(), key=bytes(16)), "forged"),
-        (sealed_frame(5, 1, 1, a_state(), mac=mac_of(6)), "forged"),
-    ],
-)
+GOOD = sealed_frame(5, 1, 1, a_state())
+BAD = {
+    "of another fleet": (sealed_frame(5, 1, 1, a_state(), fleet=8), "foreign"),
+    "of another version": (b"\x39" + GOOD[1:], "foreign"),
+    "shorter than a header": (GOOD[:15], "malformed"),
+    "empty": (b"", "malformed"),
+    "longer than a frame": (GOOD.ljust(251, b"\0"), "malformed"),
+    "not sealed": (b"\x21" + GOOD[1:-8], "seal"),
+    "cut": (GOOD[:-1], "forged"),
+    "shorter than its tag": (GOOD[:20], "forged"),
+    "with a byte more": (GOOD + b"\0", "forged"),
+    "of another key": (sealed_frame(5, 1, 1, a_state(), key=bytes(16)), "forged"),
+    "of another MAC": (sealed_frame(5, 1, 1, a_state(), mac=mac_of(6)), "forged"),
+}
+
+
+@pytest.mark.parametrize(("frame", "cause"), BAD.values(), ids=BAD)
 def test_a_bad_frame_is_counted_under_its_cause_and_not_shown(frame, cause):
     radio = a_keyed()
     radio.air_rx(0, -50, mac_of(5), frame)
@@ -120,14 +121,10 @@ def test_a_sealed_frame_means_nothing_to_an_open_fleet():
 
 def test_a_frame_with_a_right_tag_and_a_body_that_cannot_be_is_malformed():
     radio = a_keyed()
-    whole = sealed_frame(5, 1, 1, a_state(), kind=air.STATE)
-    relay_of_state_bytes = air.Header(air.RELAY, True, FLEET, 5, 1, 1, 0)
-    head = codec.encode_header(relay_of_state_bytes)
+    head = codec.encode_header(air.Header(air.RELAY, True, FLEET, 5, 1, 1, 0))
     nonce = mac_of(5) + bytes([1, 0, 0, 0]) + bytes([1, 0, 0])
     radio.air_rx(0, -50, mac_of(5), head + CIPHER.seal(KEY, nonce, head, b"\xff" * 30))
     assert drops(radio) == {"malformed": 1}
-    hear(radio, 1, whole)
-    assert radio.counters.received == 1
 
 
 def test_an_unsealed_stop_does_not_stop_a_fleet_with_a_key_and_a_sealed_one_does():
