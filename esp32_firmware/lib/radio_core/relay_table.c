@@ -1,0 +1,304 @@
+/* Rows are handled as bytes, as RELAY carries them; the bodies given are valid, so nothing is checked twice.
+ */
+#include "relay_table.h"
+
+#include "bytes.h"
+
+/* Byte tables: README.md. */
+enum {
+    STATE_STATUS_AT = 0,
+    STATE_FLAGS_AT = 1,
+    STATE_SLOT_AT = 10,
+    STATE_CLAIM_BITS_AT = 16, /* confirmed and tag, as in a row */
+    STATE_PLACE_AT = 17,
+    STATE_ETA_AT = 23,
+    STATE_N_AT = 25,
+    STATE_M_AT = 26,
+    STATE_COSTS_AT = 27,
+    STATE_INTENT_BYTES = 13,
+    STATE_DIGEST_FROM_END = 10
+};
+enum { FLAG_STOPPED = 1, FLAG_LOCALIZED = 2 };
+enum { RELAY_M_AT = 0, RELAY_N_AT = 1, RELAY_HELD_AT = 2 };
+enum { ROW_ROBOT_AT = 0, ROW_AGE_AT = 1 };
+enum { ROW_STATUS_SHIFT = 3, ROW_LOCALIZED = 64, ROW_STOPPED = 128 };
+enum { SLOT_TO_COST_BYTES = 4, PLACE_BYTES = 6 };
+enum { CERTAIN = 255 };
+
+static uint64_t bit(unsigned k) {
+    return (uint64_t)1 << k;
+}
+
+static bool has(uint64_t bits, unsigned k) {
+    return bits >> k & 1;
+}
+
+static uint64_t below(unsigned k) {
+    return k < RC_MAX_ROBOTS ? bit(k) - 1 : UINT64_MAX;
+}
+
+/* ---- what is known of the robots ---------------------------------------------------------------------- */
+
+static bool is_live(const rc_relay_table *table, unsigned i) {
+    return has(table->seen, i) && table->round - table->seen_round[i] < RC_LIVE_ROUNDS;
+}
+
+static void see(rc_relay_table *table, unsigned i) {
+    table->seen |= bit(i);
+    table->seen_round[i] = table->round;
+}
+
+/* An exponential mean; stays 15/65536 away from 0 and 1, which is no 1/255. */
+static void sample(uint16_t *loss, bool heard) {
+    unsigned now = *loss;
+    *loss = (uint16_t)(heard ? now - (now >> RC_LOSS_SHIFT) : now + ((UINT16_MAX - now) >> RC_LOSS_SHIFT));
+}
+
+static uint8_t in_255(uint16_t loss) {
+    return (uint8_t)(loss >> 8);
+}
+
+/* Who is no mate any more lacks nothing. */
+static void dismiss(rc_relay_table *table, unsigned i) {
+    if (!has(table->mates, i))
+        return;
+    table->mates &= ~bit(i);
+    for (unsigned k = 0; k < table->n; k++)
+        table->miss[k][i] = 0;
+}
+
+/* All that is known of what it lacks is the loss of its links. */
+static void expect_losses(rc_relay_table *table, unsigned i) {
+    table->mates |= bit(i);
+    for (unsigned k = 0; k < table->n; k++)
+        table->miss[k][i] = k == i ? 0 : in_255(table->loss[k][i]);
+}
+
+/* ---- rows --------------------------------------------------------------------------------------------- */
+
+/* Row k went on the air from s: who lacked it has missed this one too. Rounds down, so it reaches 0. */
+static void count_as_sent(rc_relay_table *table, unsigned k, unsigned s) {
+    uint8_t *miss = table->miss[k];
+    const uint16_t *loss = table->loss[s];
+    for (unsigned i = 0; i < table->n; i++)
+        miss[i] = (uint8_t)((uint32_t)miss[i] * loss[i] >> 16);
+}
+
+static size_t row_bytes(const rc_relay_table *table) {
+    return (size_t)RC_RELAY_ROW_BYTES + table->m;
+}
+
+static void put_row_of_state(uint8_t *at, unsigned robot, const uint8_t *state) {
+    const uint8_t *eta_at = state + STATE_ETA_AT;
+    unsigned flags = state[STATE_FLAGS_AT], eta_s = (rc_take16(&eta_at) + 5u) / 10;
+    unsigned bits = state[STATE_CLAIM_BITS_AT] | (unsigned)state[STATE_STATUS_AT] << ROW_STATUS_SHIFT;
+    bits |= flags & FLAG_LOCALIZED ? ROW_LOCALIZED : 0u;
+    bits |= flags & FLAG_STOPPED ? ROW_STOPPED : 0u;
+    at = rc_put8(at, (uint8_t)robot);
+    at = rc_put8(at, 0);
+    at = rc_put_bytes(at, state + STATE_SLOT_AT, SLOT_TO_COST_BYTES);
+    at = rc_put8(at, (uint8_t)bits);
+    at = rc_put_bytes(at, state + STATE_PLACE_AT, PLACE_BYTES);
+    at = rc_put8(at, (uint8_t)(eta_s < UINT8_MAX ? eta_s : UINT8_MAX));
+    rc_put_bytes(at, state + STATE_COSTS_AT, state[STATE_M_AT]);
+}
+
+/* The first row of a round that is held stays. */
+static void hold_state(rc_relay_table *table, unsigned robot, const uint8_t *state) {
+    if (has(table->held, robot))
+        return;
+    table->held |= bit(robot);
+    put_row_of_state(table->rows[robot], robot, state);
+}
+
+/* ---- rounds ------------------------------------------------------------------------------------------- */
+
+void rc_relay_init(rc_relay_table *table, uint8_t self) {
+    memset(table, 0, sizeof *table);
+    table->self = self;
+    for (unsigned k = 0; k < RC_MAX_ROBOTS; k++) {
+        table->loss_to_us[k] = RC_LOSS_START << 8;
+        for (unsigned i = 0; i < RC_MAX_ROBOTS; i++)
+            table->loss[k][i] = RC_LOSS_START << 8;
+    }
+}
+
+static void end_round(rc_relay_table *table) {
+    for (unsigned k = 0; k < RC_MAX_ROBOTS; k++)
+        if (k != table->self && is_live(table, k))
+            sample(&table->loss_to_us[k], has(table->direct, k));
+}
+
+void rc_relay_begin(rc_relay_table *table, uint32_t round) {
+    end_round(table);
+    bool follows = round == table->round + 1;
+    table->held_before = follows ? table->held : 0;
+    table->direct_before = follows ? table->direct : 0;
+    table->held = 0;
+    table->direct = 0;
+    table->round = round;
+    for (unsigned i = 0; i < table->n; i++) {
+        if (!is_live(table, i))
+            dismiss(table, i);
+        else if (has(table->mates, i))
+            expect_losses(table, i);
+    }
+}
+
+static uint32_t digest_of(const uint8_t *state, size_t n) {
+    const uint8_t *at = state + n - STATE_DIGEST_FROM_END;
+    return rc_take32(&at);
+}
+
+static bool agrees(const rc_relay_table *table, const uint8_t *state, size_t n) {
+    return state[STATE_N_AT] == table->n && state[STATE_M_AT] == table->m &&
+           digest_of(state, n) == table->fleet_digest;
+}
+
+void rc_relay_own(rc_relay_table *table, uint32_t round, const uint8_t *body, size_t n) {
+    if (round != table->round)
+        return;
+    if (!agrees(table, body, n)) {
+        for (unsigned i = 0; i < table->n; i++)
+            dismiss(table, i);
+        table->n = body[STATE_N_AT];
+        table->m = body[STATE_M_AT];
+        table->fleet_digest = digest_of(body, n);
+        table->held = 0;
+        table->held_before = 0;
+    }
+    if (table->self >= table->n)
+        return;
+    see(table, table->self);
+    hold_state(table, table->self, body);
+}
+
+/* ---- what is heard ------------------------------------------------------------------------------------ */
+
+/* What a bitmap in STATE says of the links to its sender, and of the rows of those who spoke before it. A bit
+ * that is not set means something for the link only where the row is known to have been sent. */
+static void learn_from_heard(rc_relay_table *table, unsigned sender, uint64_t heard) {
+    uint64_t sent = (table->held & below(sender)) | (table->held_before & ~below(sender));
+    for (unsigned k = 0; k < table->n; k++, heard >>= 1, sent >>= 1) {
+        if (k == sender)
+            continue;
+        if (sent & 1)
+            sample(&table->loss[k][sender], heard & 1);
+        if (k < sender)
+            table->miss[k][sender] = heard & 1 ? 0 : CERTAIN;
+    }
+}
+
+/* A row goes out for the first time: nobody lacks it more than the link loses. That matters for a late STATE
+ * only: the bitmaps heard before it did not know of it. */
+static void learn_from_first(rc_relay_table *table, unsigned sender) {
+    for (unsigned i = 0; i < table->n; i++) {
+        uint8_t loss = in_255(table->loss[sender][i]);
+        if (table->miss[sender][i] > loss)
+            table->miss[sender][i] = loss;
+    }
+}
+
+void rc_relay_heard_state(rc_relay_table *table, uint32_t round, uint8_t sender, const uint8_t *body,
+                          size_t n) {
+    if (round != table->round || sender >= RC_MAX_ROBOTS || sender == table->self ||
+        has(table->direct, sender))
+        return;
+    table->direct |= bit(sender);
+    see(table, sender);
+    if (sender >= table->n || !agrees(table, body, n)) {
+        dismiss(table, sender);
+        return;
+    }
+    if (!has(table->mates, sender))
+        expect_losses(table, sender);
+    const uint8_t *heard_at = body + STATE_COSTS_AT + table->m + (2u * table->m + 7) / 8 + STATE_INTENT_BYTES;
+    learn_from_heard(table, sender, rc_take(&heard_at, (table->n + 7u) / 8));
+    learn_from_first(table, sender);
+    hold_state(table, sender, body);
+}
+
+static void learn_from_held(rc_relay_table *table, unsigned sender, uint64_t held) {
+    for (unsigned k = 0; k < table->n; k++, held >>= 1)
+        table->miss[k][sender] = held & 1 || k == sender ? 0 : CERTAIN;
+}
+
+void rc_relay_heard_relay(rc_relay_table *table, uint32_t round, uint8_t sender, const uint8_t *body,
+                          size_t n) {
+    if (round != table->round || sender >= table->n || !has(table->mates, sender) ||
+        body[RELAY_M_AT] != table->m || body[RELAY_N_AT] != table->n)
+        return;
+    const uint8_t *at = body + RELAY_HELD_AT;
+    learn_from_held(table, sender, rc_take(&at, (table->n + 7u) / 8));
+    for (; at < body + n; at += row_bytes(table)) {
+        unsigned robot = at[ROW_ROBOT_AT];
+        if (at[ROW_AGE_AT] != 0)
+            continue;
+        count_as_sent(table, robot, sender);
+        if (robot == table->self || has(table->held, robot))
+            continue;
+        table->held |= bit(robot);
+        rc_put_bytes(table->rows[robot], at, row_bytes(table));
+    }
+}
+
+uint64_t rc_relay_heard_bits(const rc_relay_table *table) {
+    uint64_t this_round = below(table->self);
+    return (table->direct & this_round) | (table->direct_before & ~this_round);
+}
+
+uint8_t rc_relay_loss_to_us(const rc_relay_table *table, uint8_t k) {
+    return k < RC_MAX_ROBOTS ? in_255(table->loss_to_us[k]) : 0;
+}
+
+/* ---- what is passed on -------------------------------------------------------------------------------- */
+
+static uint32_t need_of(const rc_relay_table *table, unsigned k) {
+    if (!has(table->held, k))
+        return 0;
+    uint32_t sum = 0, squares = 0;
+    for (unsigned i = 0; i < table->n; i++) {
+        uint32_t miss = table->miss[k][i];
+        sum += miss;
+        squares += miss * miss;
+    }
+    return sum < RC_NEED_MIN ? 0 : squares;
+}
+
+/* Ties: cyclic from our own id, so that not all pass on the same. */
+static unsigned neediest(const rc_relay_table *table, const uint32_t *needs) {
+    unsigned best = table->self;
+    for (unsigned k = best + 1; k < table->n; k++)
+        if (needs[k] > needs[best])
+            best = k;
+    for (unsigned k = 0; k < table->self; k++)
+        if (needs[k] > needs[best])
+            best = k;
+    return best;
+}
+
+/* The rows behind `at` in `room` bytes; where they end. */
+static uint8_t *put_rows(rc_relay_table *table, uint8_t *at, size_t room) {
+    uint32_t needs[RC_MAX_ROBOTS];
+    for (unsigned k = 0; k < table->n; k++)
+        needs[k] = need_of(table, k);
+    for (; room >= row_bytes(table); room -= row_bytes(table)) {
+        unsigned k = neediest(table, needs);
+        if (needs[k] == 0)
+            break;
+        needs[k] = 0;
+        count_as_sent(table, k, table->self);
+        at = rc_put_bytes(at, table->rows[k], row_bytes(table));
+    }
+    return at;
+}
+
+size_t rc_relay_fill(rc_relay_table *table, uint8_t *body) {
+    if (table->self >= table->n || !is_live(table, table->self))
+        return 0;
+    uint8_t *rows = rc_put8(body, table->m);
+    rows = rc_put8(rows, table->n);
+    rows = rc_put(rows, table->held, (table->n + 7u) / 8);
+    uint8_t *end = put_rows(table, rows, RC_MAX_BODY - (size_t)(rows - body));
+    return end == rows ? 0 : (size_t)(end - body);
+}
