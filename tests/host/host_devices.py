@@ -23,6 +23,7 @@ from hippomat_core.wire import jetbot_base, rplidar
 from hippomat_core.wire.cobs import FrameDecoder, encode
 from hippomat_core.wire.frames import PROTOCOL_VERSION
 from hippomat_core.wire.link import (
+    LINK_VERSION,
     Hello,
     SendBody,
     decode_message,
@@ -154,6 +155,7 @@ class Radio(Device):
         self, link: Path, robot: int = 255, fleet: int = 1, protocol: int = PROTOCOL_VERSION, boot_id: int = 7
     ) -> None:
         self.robot, self.fleet, self.protocol, self.boot_id = robot, fleet, protocol, boot_id
+        self._own_robot, self.schedule = robot, (100, 5)
         self.bodies: list[SendBody] = []
         self.hellos: list[Hello] = []
         self._frames = FrameDecoder()
@@ -165,8 +167,9 @@ class Radio(Device):
             message = decode_message(payload)
             if isinstance(message, Hello):
                 self.hellos.append(message)
-                if self.robot == 255:
-                    self.robot = message.robot
+                if message.link_version == LINK_VERSION:
+                    self.robot = message.robot if self.robot == 255 else self.robot
+                    self.schedule = (message.round_ms, message.slots)
                 self.sends(self._reply())
             elif isinstance(message, SendBody):
                 self.bodies.append(message)
@@ -174,12 +177,19 @@ class Radio(Device):
     def passes(self, now_s: float) -> None:
         if now_s >= self._next_s:
             self._next_s = now_s + 1.0
-            changes = {"boot_id": self.boot_id, "robot": self.robot, "fleet": self.fleet}
-            self.sends(encode_message(status_of(uptime_us=int(now_s * 1e6), **changes)))
+            self.sends(encode_message(status_of(uptime_us=int(now_s * 1e6), **self._identity())))
+
+    def restart(self) -> None:
+        """It forgets the schedule, and its id where it had adopted one."""
+        self.boot_id, self.robot, self.schedule = self.boot_id + 1, self._own_robot, (100, 5)
+
+    def _identity(self) -> dict[str, int]:
+        round_ms, slots = self.schedule
+        identity = {"boot_id": self.boot_id, "robot": self.robot, "fleet": self.fleet}
+        return {**identity, "round_ms": round_ms, "slots": slots}
 
     def _reply(self) -> bytes:
-        identity = {"robot": self.robot, "fleet": self.fleet, "mac": bytes(range(6))}
-        reply = reply_of(boot_id=self.boot_id, **identity)
+        reply = reply_of(mac=bytes(range(6)), **self._identity())
         payload = bytearray(encode_payload(reply))
         payload[2] = self.protocol
         return encode(bytes(payload))
