@@ -290,10 +290,11 @@ class RoundDecided:
 
     round: U32
     allocator: str
-    row_sequence: U32Array  # (N,) sequence number of the STATE that row came from
+    row_sequence: U32Array  # (N,) this, boot and RSSI: of the frame that brought the row
     row_boot: U32Array  # (N,)
     row_age_ms: U16Array  # (N,) on our monotonic clock
     row_rssi_dbm: I8Array  # (N,)
+    row_via: U8Array  # (N,) 255: it came in its owner's STATE; else in the RELAY of this robot
     row_available: U8Array  # (N,) 1: takes part in this allocation
     row_slot: U8Array  # (N,) slot of the row's claim, 255 none
     costs: U8Array  # (N * M,) quantised

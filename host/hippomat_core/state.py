@@ -6,7 +6,7 @@ Knows no port and no clock; what the state means for the next event is decided i
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,10 +15,11 @@ from hippomat_core.config import Config
 from hippomat_core.control.guard import Points
 from hippomat_core.control.nav_state import Navigator, NavOutcome
 from hippomat_core.fleet import state as fleet_state
+from hippomat_core.fleet.radio_health import RadioHealth
 from hippomat_core.fleet.state import FleetState
 from hippomat_core.planning.ground import Fields, Ground
 from hippomat_core.slam.odometry import Odometry
-from hippomat_core.wire.frames import FLAG_STOPPED, StateFrame
+from hippomat_core.wire.frames import FLAG_STOPPED, Header, StateFrame
 
 NEVER = -(10**18)
 
@@ -48,18 +49,29 @@ class Stop:
 
     counter: int = 0
     resumed: int = 0
+    authentic: bool = True  # it came sealed with the fleet's key
 
     @property
     def latched(self) -> bool:
         return self.counter > self.resumed
 
-    def raised(self, counter: int) -> Stop:
+    @property
+    def text(self) -> str:
+        """The alarm while it is latched: what it is and how it ends."""
+        heard = f"STOP {self.counter} was heard: standing still until it is resumed (hippomat-host resume)"
+        return heard if self.authentic else f"{heard}; this fleet is OPEN: anybody in range can send it"
+
+    def raised(self, counter: int, authentic: bool) -> Stop:
         """After a STOP."""
-        return Stop(max(self.counter, counter), self.resumed)
+        return self if counter <= self.counter else Stop(counter, self.resumed, authentic)
 
     def lifted(self, counter: int) -> Stop:
         """After a RESUME, which answers every STOP up to its counter."""
-        return Stop(self.counter, max(self.resumed, min(counter, self.counter, LAST_STOP - 1)))
+        return replace(self, resumed=max(self.resumed, min(counter, self.counter, LAST_STOP - 1)))
+
+    def merged(self, counter: int, resumed: int, authentic: bool) -> Stop:
+        """With another latch of this robot: its radio's, which outlives both."""
+        return self.raised(counter, authentic).lifted(resumed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +84,7 @@ class State:
     odometry: Odometry
     started_ns: int = NEVER
     ports: tuple[bool, bool, bool] = (False, False, False)  # radio, base, lidar
-    radio_boot_id: int | None = None
+    radio: RadioHealth = field(default_factory=RadioHealth)
     radio_heard_ns: int = NEVER  # its last status
     ground: Ground | None = None
     fields: Fields = field(default_factory=lambda: Fields({}))
@@ -106,14 +118,14 @@ def initial_state(config: Config, policy: bytes | None = None) -> State:
     )
 
 
-def merged_stop(stop: Stop, frame: StateFrame, agrees: bool) -> Stop:
+def merged_stop(stop: Stop, header: Header, frame: StateFrame, agrees: bool) -> Stop:
     """A peer's STATE carries the latch, so that late joiners stop, and resume, too.
 
     Any peer may stop us; only one of our fleet (agrees) that runs at the very counter we are stopped at has
     heard the RESUME that we missed.
     """
     if frame.flags & FLAG_STOPPED:
-        return stop.raised(frame.stop_counter)
+        return stop.raised(frame.stop_counter, header.sealed)
     return stop.lifted(frame.stop_counter) if agrees and frame.stop_counter == stop.counter else stop
 
 

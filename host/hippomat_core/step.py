@@ -1,6 +1,7 @@
 """The robot core's only door: step(state, event) -> (state, effects).
 
-Decides where each event goes; what happens when time passes is in tick.py. Reads no clock, port or file and
+Decides where each event goes; what happens when a round ends is in allocation_round.py, when time passes in
+tick.py. Reads no clock, port or file and
 draws no random number: the same events give the same effects, which is what replay checks.
 """
 
@@ -12,11 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from hippomat_core.allocation_round import round_ended
 from hippomat_core.control.guard import carried_along, hidden_points, is_whole, scan_points
 from hippomat_core.control.nav_state import STANDING
 from hippomat_core.control.navigator import forget_path
 from hippomat_core.fleet import state as fleet_state
 from hippomat_core.fleet.digest import fleet_digest
+from hippomat_core.fleet.hearing import heard_relay, heard_state, heard_tasks
+from hippomat_core.fleet.radio_health import judged
+from hippomat_core.fleet.state import FleetState
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import (
     BASE,
@@ -83,7 +88,8 @@ def _map_received(state: State, event: MapReceived) -> Stepped:
 def _port_opened(state: State, event: PortOpened) -> Stepped:
     state = _with_port(state, event.port, True)
     if event.port == RADIO:
-        return replace(state, radio_heard_ns=event.stamp_ns), ()
+        fleet = replace(state.fleet, clock=state.fleet.clock.new_radio())
+        return replace(state, radio_heard_ns=event.stamp_ns, fleet=fleet), ()
     if event.port == BASE:  # its counters may have started anew
         return replace(state, odometry=replace(state.odometry, last=None)), ()
     return state, ()
@@ -121,39 +127,50 @@ def _scan_received(state: State, event: ScanReceived) -> Stepped:
     return replace(state, scan=Scan(event.stamp_ns, points, state.pose)), ()
 
 
+def _awake(state: State, event: StateHeard | RelayHeard | TasksHeard) -> FleetState:
+    return fleet_state.awake(state.fleet, event.stamp_ns, event.radio_time_us)
+
+
 def _state_heard(state: State, event: StateHeard) -> Stepped:
-    fleet, effects = fleet_state.heard_state(
-        state.fleet, event.stamp_ns, event.header, event.frame, event.rssi_dbm
+    fleet, effects = heard_state(
+        _awake(state, event), event.stamp_ns, event.header, event.frame, event.rssi_dbm
     )
     sender = event.header.sender
     peer = fleet.peers[sender] if sender < len(fleet.peers) else None
-    stop = merged_stop(state.stop, event.frame, peer is not None and peer.agrees)
+    stop = merged_stop(state.stop, event.header, event.frame, peer is not None and peer.agrees)
     return replace(state, fleet=fleet, stop=stop), tuple(effects)
 
 
 def _relay_heard(state: State, event: RelayHeard) -> Stepped:
-    fleet, effects = fleet_state.heard_relay(state.fleet, event.stamp_ns, event.header, event.frame)
+    fleet, effects = heard_relay(
+        _awake(state, event), event.stamp_ns, event.header, event.frame, event.rssi_dbm
+    )
     return replace(state, fleet=fleet), tuple(effects)
 
 
 def _tasks_heard(state: State, event: TasksHeard) -> Stepped:
-    fleet, effects = fleet_state.heard_tasks(state.fleet, event.stamp_ns, event.header, event.frame)
+    fleet, effects = heard_tasks(_awake(state, event), event.stamp_ns, event.header, event.frame)
     return replace(state, fleet=fleet), tuple(effects)
 
 
 def _stop_heard(state: State, event: StopHeard) -> Stepped:
     stop, counter = state.stop, event.frame.counter
-    stop = stop.raised(counter) if event.header.kind == STOP else stop.lifted(counter)
+    stopped = event.header.kind == STOP
+    stop = stop.raised(counter, event.header.sealed) if stopped else stop.lifted(counter)
     return replace(state, stop=stop), ()
 
 
 def _radio_status(state: State, event: RadioStatus) -> Stepped:
-    restarted = state.radio_boot_id not in (None, event.boot_id)
-    state = replace(state, radio_boot_id=event.boot_id, radio_heard_ns=event.stamp_ns)
-    if not restarted:
-        return state, ()
-    text = f"our radio restarted (reset reason {event.reset_reason}, boot id {event.boot_id:08x})"
-    return state, (AlarmRaised(WARNING, "radio_restarted", text),)
+    last = state.radio.status
+    radio, effects = judged(state.radio, event, state.config)
+    fleet = fleet_state.muted(state.fleet, event.stamp_ns, radio.muted(state.config))
+    if last is not None and last.boot_id != event.boot_id:
+        fleet = replace(fleet, clock=fleet.clock.new_radio())
+        text = f"our radio restarted (reset reason {event.reset_reason}, boot id {event.boot_id:08x})"
+        effects.insert(0, AlarmRaised(WARNING, "radio_restarted", text))
+    stop = state.stop.merged(event.stop_counter, event.stop_resumed, not radio.is_open)
+    state = replace(state, radio=radio, radio_heard_ns=event.stamp_ns, fleet=fleet, stop=stop)
+    return state, tuple(effects)
 
 
 def _link_noise(state: State, event: LinkNoise) -> Stepped:
@@ -166,7 +183,7 @@ def _link_noise(state: State, event: LinkNoise) -> Stepped:
     return replace(state, alarms=state.alarms | {"noise"}), (alarm,)
 
 
-def _nothing(state: State, _: FrameSent | RoundEnded) -> Stepped:
+def _nothing(state: State, _: FrameSent) -> Stepped:
     return state, ()
 
 
@@ -184,6 +201,6 @@ _HANDLERS: dict[type, Callable[[State, Any], Stepped]] = {
     StopHeard: _stop_heard,
     FrameSent: _nothing,
     RadioStatus: _radio_status,
-    RoundEnded: _nothing,
+    RoundEnded: round_ended,
     LinkNoise: _link_noise,
 }

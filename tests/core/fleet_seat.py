@@ -7,17 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hippomat_core.config import Config, FleetConfig, RobotConfig
+from hippomat_core.fleet.hearing import heard_state, heard_tasks
 from hippomat_core.fleet.inputs import OwnInputs
-from hippomat_core.fleet.rounds import RoundOutcome, end_round
+from hippomat_core.fleet.rounds import RoundOutcome, end_round, ended_alone
 from hippomat_core.fleet.sites import task_sites
-from hippomat_core.fleet.state import (
-    FleetState,
-    heard_state,
-    heard_tasks,
-    initial,
-    started,
-    with_map,
-)
+from hippomat_core.fleet.state import FleetState, initial, started, with_map
 from hippomat_core.messages import (
     Effect,
 )
@@ -64,7 +58,7 @@ class Seat:
     def round(self, costs: object = (10, 20, 30, 40), **own: object) -> RoundOutcome:
         self.now_ns += ROUND // 2
         inputs = OwnInputs(np.asarray(costs, np.uint8), **{"can_request": True, **own})  # type: ignore[arg-type]
-        self.fleet, outcome = end_round(self.fleet, self.now_ns, inputs)
+        self.fleet, outcome = end_round(ended_alone(self.fleet, self.now_ns), self.now_ns, inputs)
         self.now_ns += ROUND // 2
         return outcome
 
@@ -113,7 +107,7 @@ def seat(size: int = 3, robot: int = 0, mapped: bool = True, **fleet: object) ->
 def ready(size: int = 3, *peers: int, **fleet: object) -> Seat:
     """A seat after its silence, at the moment before its first request."""
     taken = seat(size, **fleet)
-    outcomes = taken.rounds(3.5, *(peers or range(1, size)))
+    outcomes = taken.rounds(3.6, *(peers or range(1, size)))
     assert not any(outcome.has_claim for outcome in outcomes)
     return taken
 

@@ -21,15 +21,11 @@ from fleet_seat import (
 )
 
 from hippomat_core.config import Config, FleetConfig, RobotConfig
+from hippomat_core.fleet.hearing import heard_relay
 from hippomat_core.fleet.inputs import Intent, OwnInputs
 from hippomat_core.fleet.rounds import end_round
 from hippomat_core.fleet.sites import task_sites
-from hippomat_core.fleet.state import (
-    heard_relay,
-    initial,
-    started,
-    with_map,
-)
+from hippomat_core.fleet.state import initial, started, with_map
 from hippomat_core.messages import (
     AlarmCleared,
     AlarmRaised,
@@ -142,7 +138,7 @@ def test_a_relayed_row_is_a_sign_of_life():
     for _ in range(40):
         taken.hear(2, taken.row())
         header = Header(RELAY, False, 1, 2, 1, taken.sequence, 0)
-        taken.fleet, _ = heard_relay(taken.fleet, taken.now_ns, header, RelayFrame(3, 0, (row,)))
+        taken.fleet, _ = heard_relay(taken.fleet, taken.now_ns, header, RelayFrame(3, 0, (row,)), -60)
         outcomes.append(taken.round(can_request=False))
     assert not [event for outcome in outcomes for event in of(PeerClaimSeen, outcome.effects)]
     assert outcomes[-1].state_frame is not None
@@ -224,11 +220,11 @@ def test_costs_for_another_number_of_tasks_are_refused():
 
 def test_rounds_are_due_once_each():
     taken = seat()
-    assert taken.fleet.round_due(0)
+    assert taken.fleet.clock.due(0)
     taken.now_ns = -ROUND // 2
     taken.round()
-    assert not taken.fleet.round_due(ROUND - 1)
-    assert taken.fleet.round_due(ROUND)
+    assert not taken.fleet.clock.due(ROUND - 1)
+    assert taken.fleet.clock.due(ROUND)
 
 
 def test_the_largest_fleet_fits_the_frame():

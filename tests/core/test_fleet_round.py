@@ -84,7 +84,7 @@ def test_the_request_is_decided_on_the_row_that_was_broadcast():
     assert frame.costs.tolist() == [250, 1, 250, 250]
     assert frame.task_states.tolist() == [CLAIMED, WAITING, WAITING, WAITING]
     assert frame.endorsed.tolist() == [frame.claim.tag, 0, 0]
-    assert frame.heard == 0b110
+    assert frame.heard == 0, "the radio knows when it sends"
     assert outcome.destination == tuple(taken.fleet.tasks.positions_m()[0])
     assert [change.what for change in of(ClaimChanged, outcome.effects)] == ["requested"]
 

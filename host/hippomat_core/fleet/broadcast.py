@@ -37,7 +37,6 @@ def state_frame(fleet: FleetState, stamp_ns: int, own: OwnInputs, priced: NDArra
             costs[slot] = UNREACHABLE
     trusted = stamp_ns >= fleet.trusted_from_ns
     own_id = claim.id if claim is not None else None
-    fresh = [p for p in fleet.peers if p is not None and p.stamp_ns > fleet.last_round_ns]
     return StateFrame(
         status=_status(fleet, stamp_ns, own),
         flags=own.flags,
@@ -53,7 +52,7 @@ def state_frame(fleet: FleetState, stamp_ns: int, own: OwnInputs, priced: NDArra
         intent_iy=own.intent.iy,
         intent_iz=own.intent.iz,
         intent_steps=own.intent.steps,
-        heard=sum(1 << peer.robot for peer in fresh),
+        heard=0,  # the radio knows when it sends
         endorsed=rule_f.quoted_tags(fleet.votes if trusted else (), own_id, len(fleet.peers)),
         fleet_digest=fleet.digest or 0,
         generations_digest=fleet.tasks.digest,
@@ -84,7 +83,7 @@ def tasks_frames(fleet: FleetState, stamp_ns: int) -> tuple[TasksFrame, ...]:
     alive = fleet.alive_peers(stamp_ns)
     differs = any(peer.frame.generations_digest != fleet.tasks.digest for peer in alive)
     turns = -(-len(alive) // _TALKERS) or 1
-    my_turn = (fleet.round_number(stamp_ns) + fleet.robot) % turns == 0
+    my_turn = (fleet.clock.round + fleet.robot) % turns == 0
     if not alive or not (urgent or (differs and my_turn)):
         return ()
     cursor = fleet.tasks_cursor * 11 % len(fleet.tasks.generations)

@@ -19,7 +19,6 @@ from hippomat_core.messages import ClaimChanged
 from hippomat_core.wire.frames import AirClaim
 
 TAGS = 3
-_LATE_ROUNDS = 1.5  # a row older than this was not refreshed in its round
 COORDINATED = ("hungarian", "greedy")  # never choose one task twice on one snapshot
 
 
@@ -27,9 +26,9 @@ COORDINATED = ("hungarian", "greedy")  # never choose one task twice on one snap
 class Basis:
     """What a request was decided on; kept to tell why another robot wanted the same task."""
 
-    ages_rounds: NDArray[np.float32]  # (N,) inf where no row was held
+    late: NDArray[np.bool_]  # (N,) no row of this round was held, heard directly or passed on
     available: NDArray[np.bool_]  # (N,)
-    digests_agree: NDArray[np.bool_]  # (N,) the row's generations were ours
+    digests_agree: NDArray[np.bool_]  # (N,) the row's generations were ours, as far as it says
     allocator: str
 
 
@@ -115,14 +114,14 @@ def is_superior(own: OwnClaim, other: ClaimId, other_confirmed: bool) -> bool:
 def conflict_cause(own: OwnClaim, other: ClaimId) -> str:
     """Why both wanted the task: loss, staleness, tie or policy (the first that applies).
 
-    loss: the other's row of that round had not arrived. staleness: another row had not, or generations or
-    instants of decision differed. tie: equal costs. policy: the allocator chose so on equal rows.
+    loss: the other's row of that round had not arrived, nor been passed on. staleness: another row had not,
+    or generations or instants of decision differed. tie: equal costs. policy: the allocator chose so on equal
+    rows.
     """
     basis = own.basis
-    if basis.ages_rounds[other.robot] > _LATE_ROUNDS:
+    if basis.late[other.robot]:
         return "loss"
-    late = basis.available & (basis.ages_rounds > _LATE_ROUNDS)
-    if late.any() or not basis.digests_agree[other.robot]:
+    if (basis.available & basis.late).any() or not basis.digests_agree[other.robot]:
         return "staleness"
     if own.id.cost == other.cost:
         return "tie"

@@ -33,16 +33,16 @@ def judge(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> Step:
     if claim is None:
         return fleet, []
     newest = int(fleet.tasks.generations[claim.id.slot])
-    if own.drop_claim or fleet.passive:
-        return _ended(fleet, stamp_ns, "dropped", own.drop_claim or fleet.passive)
+    if own.drop_claim or fleet.barred:
+        return _ended(fleet, stamp_ns, "dropped", own.drop_claim or fleet.barred)
     if claim.id.generation < newest and not claim.turned:
         return _ended(fleet, stamp_ns, "dropped", "superseded")
     effects: list[Effect] = []
-    for peer in fleet.peers:
-        other = peer.claim if peer is not None else None
-        if peer is None or other is None or other.task != claim.id.task:
+    for row in fleet.rows():
+        other = row.claim
+        if other is None or other.task != claim.id.task:
             continue
-        kept = is_superior(claim, other, peer.frame.claim.confirmed)
+        kept = is_superior(claim, other, row.confirmed)
         cause = conflict_cause(claim, other)
         if other not in claim.opposed:
             effects.append(ConflictSeen(*other.task, other.robot, kept, cause))
@@ -58,8 +58,7 @@ def _give_up_if_refused(fleet: FleetState, stamp_ns: int, effects: list[Effect])
     """A majority is heard and yet does not vote for us: let the claim go, and leave the task to others."""
     claim, timing = fleet.own_claim, fleet.timing
     assert claim is not None
-    heard = len(fleet.alive_peers(stamp_ns)) + 1
-    if claim.confirmed or heard < len(fleet.peers) // 2 + 1:
+    if claim.confirmed or fleet.alive(stamp_ns) < len(fleet.peers) // 2 + 1:
         return replace(fleet, own_claim=replace(claim, refused_ns=None)), effects
     since_ns = stamp_ns if claim.refused_ns is None else claim.refused_ns
     patience_ns = timing.refused_ns + _STAGGER_ROUNDS * timing.round_ns * fleet.robot
@@ -88,8 +87,8 @@ def _votes_at(fleet: FleetState, claim: OwnClaim, stamp_ns: int) -> int:
 
 
 def _needed_at(fleet: FleetState, stamp_ns: int) -> int:
-    roster, alive = len(fleet.peers), len(fleet.alive_peers(stamp_ns)) + 1
-    return quorum(roster, alive, serves_alone(fleet.config.partition, roster))
+    roster = len(fleet.peers)
+    return quorum(roster, fleet.alive(stamp_ns), serves_alone(fleet.config.partition, roster))
 
 
 def confirm(fleet: FleetState, stamp_ns: int, _: OwnInputs) -> Step:

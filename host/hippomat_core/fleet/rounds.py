@@ -18,7 +18,7 @@ from hippomat_core.fleet.inputs import OwnInputs
 from hippomat_core.fleet.snapshot import Snapshot, round_decided, take_snapshot
 from hippomat_core.fleet.state import FleetState, awake
 from hippomat_core.fleet.votes import ClaimId
-from hippomat_core.messages import ClaimChanged, Effect, PeerClaimSeen
+from hippomat_core.messages import ClaimChanged, Effect, PeerClaimSeen, RoundEnded
 from hippomat_core.wire.frames import StateFrame, TasksFrame
 
 
@@ -35,7 +35,7 @@ class RoundOutcome:
 
 
 def end_round(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> tuple[FleetState, RoundOutcome]:
-    """Ends the round at `stamp_ns`. Call it once per round, when `fleet.round_due(stamp_ns)`."""
+    """Ends round `fleet.clock.round` at `stamp_ns`, which radio_ended or ended_alone has begun to end."""
     fleet = awake(fleet, stamp_ns)
     if own.costs_q.shape != fleet.tasks.generations.shape:
         raise ValueError(f"costs for {own.costs_q.shape} tasks, {fleet.tasks.generations.shape} needed")
@@ -46,13 +46,12 @@ def end_round(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> tuple[FleetSt
         effects += more
     frame: StateFrame | None = None
     orders: tuple[TasksFrame, ...] = ()
-    if fleet.digest is not None and fleet.robot >= 0 and not fleet.passive:
+    if fleet.digest is not None and fleet.robot >= 0 and not fleet.barred:
         frame = state_frame(fleet, stamp_ns, own, generations)
         orders = tasks_frames(fleet, stamp_ns)
     fleet = replace(
         fleet,
-        round=fleet.round_number(stamp_ns),
-        last_round_ns=stamp_ns,
+        clock=fleet.clock.ended(stamp_ns),
         sent=frame,
         sent_generations=fleet.tasks.generations if frame is not None else None,
         tasks_cursor=fleet.tasks_cursor + len(orders),
@@ -63,18 +62,30 @@ def end_round(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> tuple[FleetSt
     return fleet, RoundOutcome(frame, orders, tuple(effects), destination, claim is not None, confirmed)
 
 
+def radio_ended(fleet: FleetState, event: RoundEnded) -> tuple[FleetState, bool]:
+    """The radio observed a round. True: it ends for us too, so call end_round at once."""
+    clock, ends = fleet.clock.heard(event)
+    return awake(replace(fleet, clock=clock), event.stamp_ns, event.radio_time_us), ends
+
+
+def ended_alone(fleet: FleetState, stamp_ns: int) -> FleetState:
+    """A round ends by our own count: `fleet.clock.due(stamp_ns)`. Call end_round at once."""
+    return replace(fleet, clock=fleet.clock.ends_alone(stamp_ns))
+
+
 def _expire(fleet: FleetState, stamp_ns: int, _: OwnInputs) -> Step:
     """Peers unheard for T_dead: their claims expire. The silence after a boot ends."""
     effects: list[Effect] = []
-    peers = list(fleet.peers)
-    for robot, peer in enumerate(peers):
-        if peer is not None and peer.live and stamp_ns - peer.alive_ns > fleet.timing.dead_ns:
-            if peer.claim is not None:
-                slot, generation = peer.claim.task
-                effects.append(PeerClaimSeen(robot, slot, generation, "expired"))
-            peers[robot] = replace(peer, live=False)
+    peers, relayed = list(fleet.peers), list(fleet.relayed)
+    for row in fleet.rows():
+        if stamp_ns - row.alive_ns <= fleet.timing.dead_ns:
+            continue
+        if row.claim is not None:
+            effects.append(PeerClaimSeen(row.robot, *row.claim.task, "expired"))
+        peer, relayed[row.robot] = peers[row.robot], None
+        peers[row.robot] = None if peer is None else replace(peer, live=False)
     in_step = fleet.in_step or _comes_into_step(fleet, stamp_ns)
-    return replace(fleet, peers=tuple(peers), in_step=in_step), effects
+    return replace(fleet, peers=tuple(peers), relayed=tuple(relayed), in_step=in_step), effects
 
 
 def _comes_into_step(fleet: FleetState, stamp_ns: int) -> bool:
@@ -93,15 +104,15 @@ def _vote(fleet: FleetState, stamp_ns: int, _: OwnInputs) -> Step:
     newest = fleet.tasks.generations
     keeps_old = fleet.config.turnover == "on_claim"
     votes = rule_f.aged(fleet.votes, newest, keeps_old, stamp_ns, fleet.timing)
-    if fleet.in_step and not fleet.passive:
-        after_ns = max(fleet.last_round_ns, fleet.trusted_from_ns - 1)
+    if fleet.in_step and not fleet.barred:
+        after_ns = max(fleet.clock.ended_ns, fleet.trusted_from_ns - 1)
         fresh = [
-            peer.claim
-            for peer in fleet.peers
-            if peer is not None and peer.claim is not None and peer.stamp_ns > after_ns
+            (row.claim, row.stamp_ns)
+            for row in fleet.rows()
+            if row.claim is not None and row.read_ns > after_ns
         ]
         own = fleet.own_claim.id if fleet.own_claim is not None else None
-        votes = rule_f.cast(votes, fresh, newest, own, stamp_ns)
+        votes = rule_f.cast(votes, fresh, newest, own)
     return replace(fleet, votes=votes), []
 
 
@@ -109,7 +120,7 @@ def _decide(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> Step:
     """The allocation: our request is a claim not yet confirmed."""
     shunned = tuple(entry for entry in fleet.shunned if stamp_ns < entry[2])
     fleet = replace(fleet, shunned=shunned)
-    snapshot = take_snapshot(fleet, stamp_ns, fleet.round_number(stamp_ns))
+    snapshot = take_snapshot(fleet, stamp_ns)
     decision, reason = Decision(0, NO_LOGITS), _why_not(fleet, stamp_ns, own, snapshot)
     action, requested = 0, list[Effect]()
     if not reason:
@@ -128,8 +139,8 @@ def _why_not(fleet: FleetState, stamp_ns: int, own: OwnInputs, snapshot: Snapsho
         return "observing"
     if fleet.digest is None:
         return "no map"
-    if fleet.passive:
-        return fleet.passive
+    if fleet.barred:
+        return fleet.barred
     if fleet.own_claim is not None:
         return "holds a claim"
     if not own.can_request:

@@ -1,8 +1,15 @@
 """The intervals of rule F, derived once from the length of an allocation round. Knows no clock.
 
-The reasons are with rule F in votes.py. The delay is the longest time that a frame may spend between the
-sender's decision and the receiver's, queues of both radios included; a robot that notices that it was held
-up for longer trusts nothing for a round (FleetState.trusted_from_ns).
+The reasons are with rule F in votes.py. The delay is the longest time from the moment a host hands its STATE
+to its radio to the moment another host reads it, and has two parts:
+
+- SLOT_ROUNDS in the sender's radio. A STATE decided at the end of a round leaves in the next round's slot, or
+  in one of the two slots behind it; a newer STATE replaces it. What the host computes before it hands a STATE
+  over is no part of the delay: it hands over every vote before it decides anew.
+- HOLD_ROUNDS between the receiving radio and its host. A robot that notices that it was held up for longer,
+  or that it is told things by its radio that are older, trusts nothing for a round (FleetState.awake).
+
+Common rounds shorten no interval: a robot without a radio's count is in the same fleet.
 """
 
 from __future__ import annotations
@@ -11,8 +18,9 @@ from dataclasses import dataclass
 
 from hippomat_core.config import FleetConfig
 
-LEASE_ROUNDS = 3
-DELAY_ROUNDS = 2
+LEASE_ROUNDS = 3  # not less than SLOT_ROUNDS + HOLD_ROUNDS, see votes.py, "Why tags"
+SLOT_ROUNDS = 1
+HOLD_ROUNDS = 2
 SETTLE_ROUNDS = 2  # rows with costs of a new generation need this long to reach everyone
 TURN_ROUNDS = 2  # on_claim: a confirmed claim waits this long for late votes before its slot turns
 DEAD_S = 3.0
@@ -34,8 +42,18 @@ class Timing:
         return LEASE_ROUNDS * self.round_ns
 
     @property
+    def round_us(self) -> int:
+        """As the radios count it: whole milliseconds."""
+        return round(self.round_ns / 1e6) * 1000
+
+    @property
+    def hold_ns(self) -> int:
+        """A hold-up of this robot that may go unnoticed."""
+        return HOLD_ROUNDS * self.round_ns
+
+    @property
     def delay_ns(self) -> int:
-        return DELAY_ROUNDS * self.round_ns
+        return SLOT_ROUNDS * self.round_ns + self.hold_ns
 
     @property
     def dead_ns(self) -> int:

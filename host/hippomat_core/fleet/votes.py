@@ -9,10 +9,12 @@ heard within T_lease (3 rounds); more than half of the roster confirms. Each rob
 every STATE by the claim's tag.
 
 *Why two claims on one task are never confirmed at one instant T.* Two majorities of one roster share a
-voter v. Both counts hold a vote that v sent after T - T_lease - delay, so v changed its mind within that
-time. It may do so only
+voter v. Both counts hold a vote that v handed to its radio after T - T_lease - delay, so v changed its mind
+within that time (the delay is in timing.py: a STATE waits for its slot, and hosts are held up). It may do so
+only
 
-- when the owner's own newer row lacks the claim: then the owner no longer counted it at T;
+- when the owner's own newer row lacks the claim: then the owner no longer counted it at T. Another robot's
+  word for it is not enough: a relayed row does not say which generations its owner knew (see below);
 - after T_dead without any row that carries the claim: v then leaves the task fallow for T_lease + delay,
   after which its last vote counts nowhere (without the fallow time it would still count at an owner that
   lives, but that v cannot hear: the link between two radios may work in one direction only);
@@ -21,8 +23,16 @@ time. It may do so only
 *Why tags.* A vote that only named the claimant would count for its next claim as well. A STATE has 2 bits
 for it, so a claimant reuses a tag only T_dead + T_lease + delay after the claim that had it ended. By then
 every voter has stopped quoting the old claim: T_dead is counted per claim, from the last row that carried
-that very claim (relayed ones included), never from the last sign of life of its owner. A voter that was
-held up, and so may be reading old rows, quotes nothing for a round.
+that very claim (relayed ones included), never from the last sign of life of its owner. A relayed row counts
+from the begin of the round in which its owner sent it, so never later than the owner's own frame would. The
+last row with the claim left the owner's host before the claim ended and is read within the delay; the last
+vote for it is handed over within T_dead of that, and read within the delay again. As the delay is not longer
+than T_lease, that is before the new claim begins, and votes read before their claim began do not count. A
+voter that was held up, and so may be reading old rows, quotes nothing for a round.
+
+*Claims heard through others only.* Such a claim earns a vote like any other: whoever passes it on, the voter
+has one vote per task, and it is bound by it until T_dead after the last row that carries the claim. The votes
+in a row are not passed on, so that a claimant counts only voters that it hears itself.
 
 *Why a completed task is not endorsed again.* A robot that completes a task turns the slot to its next
 generation, and nobody votes for a generation older than the newest known. But a row says only by its
@@ -39,7 +49,7 @@ other on that task since.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,18 +65,23 @@ DORMANT = "dormant"  # bars nothing; the same claim may revive it
 _BARRING = (GIVEN, FALLOW, DOUBTFUL)
 
 FORGET_NS = 600 * 10**9  # a dormant vote is dropped after this
+UNKNOWN_ROUND = -1  # of a claim that was only passed on: RELAY does not carry it
 
 
 @dataclass(frozen=True, slots=True)
 class ClaimId:
-    """What a robot froze when it claimed; names the claim among all that are alive."""
+    """What a robot froze when it claimed; names the claim among all that are alive.
+
+    Its tag alone tells a robot's claims apart while a vote for an earlier one may still count, so that claims
+    are equal without their round.
+    """
 
     robot: int
     slot: int
     generation: int
     tag: int
     cost: int
-    round: int
+    round: int = field(compare=False)  # UNKNOWN_ROUND, or 0 .. 65535
 
     @property
     def key(self) -> tuple[int, int]:
@@ -78,11 +93,12 @@ class ClaimId:
         return self.slot, self.generation
 
 
-def claim_of(robot: int, claim: AirClaim) -> ClaimId | None:
+def claim_of(robot: int, claim: AirClaim | RelayRow) -> ClaimId | None:
     """The claim in a robot's row, if it carries one."""
     if claim.slot == NO_SLOT:
         return None
-    return ClaimId(robot, claim.slot, claim.generation, claim.tag, claim.cost, claim.round)
+    number = claim.round if isinstance(claim, AirClaim) else UNKNOWN_ROUND
+    return ClaimId(robot, claim.slot, claim.generation, claim.tag, claim.cost, number)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +112,7 @@ class Vote:
 
 
 Votes = tuple[Vote, ...]  # at most one per task
+Fresh = Iterable[tuple[ClaimId, int]]  # claims and when rows that carry them were heard, less their age
 
 
 def after_row(
@@ -112,28 +129,34 @@ def after_row(
     for vote in votes:
         if vote.claim.robot != robot:
             kept.append(vote)
-        elif vote.claim == claim:
-            revived = vote if vote.phase == DOUBTFUL else replace(vote, phase=GIVEN, seen_ns=stamp_ns)
-            kept.append(revived)
+        elif claim is not None and _is_same(vote, claim):
+            held = vote if vote.phase == DOUBTFUL else replace(vote, phase=GIVEN, seen_ns=stamp_ns)
+            kept.append(replace(held, claim=claim))
         elif vote.claim.generation >= newest[vote.claim.slot] and not digests_agree:
             until_ns = vote.until_ns if vote.phase == DOUBTFUL else stamp_ns + timing.dead_ns
             kept.append(replace(vote, phase=DOUBTFUL, until_ns=until_ns))
     return tuple(kept)
 
 
+def _is_same(vote: Vote, claim: ClaimId) -> bool:
+    """Whether the owner's row carries the claim voted for.
+
+    A vote that outlived its owner's silence is revived only where the round is the same too, as far as it is
+    known: by then the tag may name a later claim.
+    """
+    numbers = {vote.claim.round, claim.round} - {UNKNOWN_ROUND}
+    return vote.claim == claim and (vote.phase != DORMANT or len(numbers) == 1)
+
+
 def after_relay(votes: Votes, row: RelayRow, seen_ns: int) -> Votes:
-    """Votes after a third robot passed on a row; seen_ns: now less the row's age."""
-    quoted = (row.robot, row.slot, row.generation, row.tag, row.cost)
+    """Votes after a third robot passed on a row; seen_ns: now less the row's age. Releases nothing."""
+    quoted = claim_of(row.robot, row)
     return tuple(
         replace(vote, seen_ns=seen_ns)
-        if vote.phase == GIVEN and vote.seen_ns < seen_ns and _short(vote.claim) == quoted
+        if vote.phase == GIVEN and vote.seen_ns < seen_ns and vote.claim == quoted
         else vote
         for vote in votes
     )
-
-
-def _short(claim: ClaimId) -> tuple[int, int, int, int, int]:
-    return claim.robot, claim.slot, claim.generation, claim.tag, claim.cost
 
 
 def aged(votes: Votes, newest: NDArray[np.uint16], keeps_old: bool, stamp_ns: int, timing: Timing) -> Votes:
@@ -155,23 +178,17 @@ def aged(votes: Votes, newest: NDArray[np.uint16], keeps_old: bool, stamp_ns: in
     return tuple(kept)
 
 
-def cast(
-    votes: Votes,
-    fresh: Iterable[ClaimId],
-    newest: NDArray[np.uint16],
-    own: ClaimId | None,
-    stamp_ns: int,
-) -> Votes:
+def cast(votes: Votes, fresh: Fresh, newest: NDArray[np.uint16], own: ClaimId | None) -> Votes:
     """Votes with new ones for claims heard in this round, smallest key first; never where we vote already."""
     barred = {vote.claim.task for vote in votes if vote.phase in _BARRING}
     if own is not None:
         barred.add(own.task)
-    for claim in sorted(fresh, key=lambda claim: claim.key):
+    for claim, seen_ns in sorted(fresh, key=lambda heard: heard[0].key):
         if claim.task in barred or claim.generation != newest[claim.slot]:
             continue
         barred.add(claim.task)
         votes = tuple(vote for vote in votes if vote.claim.task != claim.task)
-        votes = (*votes, Vote(claim, GIVEN, stamp_ns))
+        votes = (*votes, Vote(claim, GIVEN, seen_ns))
     return votes
 
 

@@ -1,0 +1,164 @@
+"""The end of an allocation round, seen from the robot: what every task costs from here, and what goes to the
+radio at once.
+
+A round ends when the radio says so (RoundEnded), or at a tick where the radio is silent. What is decided then
+is in fleet/rounds.py.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hippomat_core.allocation.quantise import quantise, saturated
+from hippomat_core.faults import with_faults
+from hippomat_core.fleet.inputs import Intent, OwnInputs
+from hippomat_core.fleet.rounds import end_round, ended_alone, radio_ended
+from hippomat_core.messages import (
+    WARNING,
+    AlarmCleared,
+    AlarmRaised,
+    Effect,
+    RoundEnded,
+    SendState,
+    SendTasks,
+)
+from hippomat_core.planning.distance_field import distance_at
+from hippomat_core.planning.ground import Ground
+from hippomat_core.planning.reservations import encode_intent
+from hippomat_core.reactions import Permissions, permissions
+from hippomat_core.state import State
+from hippomat_core.wire.frames import (
+    FLAG_GUARD,
+    FLAG_LOCALIZED,
+    FLAG_SATURATED,
+    FLAG_STOPPED,
+    IDLE,
+    INACTIVE,
+    LOST,
+)
+
+Stepped = tuple[State, tuple[Effect, ...]]
+
+
+def round_ended(state: State, event: RoundEnded) -> Stepped:
+    """The radio observed a round: it ends for us too, unless that is no news."""
+    now_ns = event.stamp_ns
+    fleet, ends = radio_ended(state.fleet, event)
+    state = replace(state, fleet=fleet)
+    if not ends or state.observes or state.ground is None:
+        return state, ()
+    effects: list[Effect] = []
+    state = with_faults(state, now_ns, effects)
+    state = _round(state, state.ground, now_ns, permissions(dict(state.faults), now_ns), effects)
+    return state, tuple(effects)
+
+
+def round_without_radio(state: State, now_ns: int, allowed: Permissions, effects: list[Effect]) -> State:
+    """The round ends by our own count, if that is due."""
+    if state.observes or state.ground is None or not state.fleet.clock.due(now_ns):
+        return state
+    state = replace(state, fleet=ended_alone(state.fleet, now_ns))
+    return _round(state, state.ground, now_ns, allowed, effects)
+
+
+def _round(
+    state: State, ground: Ground | None, now_ns: int, allowed: Permissions, effects: list[Effect]
+) -> State:
+    assert ground is not None
+    state = _with_fields(state, ground)
+    costs_s = _travel_costs_s(state, ground)
+    over = bool(saturated(costs_s, ground.c_max_s).any())
+    state = _saturation_alarm(state, over, ground.c_max_s, effects)
+    own = _own_inputs(state, quantise(costs_s, ground.c_max_s), over, allowed)
+    fleet, outcome = end_round(state.fleet, now_ns, own)
+    effects += outcome.effects
+    if outcome.state_frame is not None:
+        effects.append(SendState(outcome.state_frame))
+    effects += [SendTasks(frame) for frame in outcome.tasks_frames]
+    return replace(state, fleet=fleet)
+
+
+def _with_fields(state: State, ground: Ground) -> State:
+    """A distance field for every open task and for the destination of our claim."""
+    tasks, claim = state.fleet.tasks, state.fleet.own_claim
+    positions_m = tasks.positions_m()
+    wanted = {
+        (slot, int(tasks.generations[slot])): (float(positions_m[slot, 0]), float(positions_m[slot, 1]))
+        for slot in np.flatnonzero(tasks.states != INACTIVE).tolist()
+    }
+    if claim is not None:
+        wanted[claim.id.task] = claim.destination_m[:2]
+    return replace(state, fields=state.fields.with_tasks(ground, wanted))
+
+
+def _travel_costs_s(state: State, ground: Ground) -> NDArray[np.float64]:
+    """(M,) [s] from here to every open task at our speed; inf where unreachable or not open."""
+    tasks, odometry = state.fleet.tasks, state.odometry
+    costs_s = np.full(len(tasks.generations), math.inf)
+    for slot, generation in enumerate(tasks.generations.tolist()):
+        field = state.fields.by_task.get((slot, generation))
+        if field is not None:
+            way_m = distance_at(ground.costmap, field, odometry.x_m, odometry.y_m)
+            costs_s[slot] = way_m / state.config.limits.speed_mps
+    return costs_s
+
+
+def _saturation_alarm(state: State, over: bool, c_max_s: float, effects: list[Effect]) -> State:
+    if over == ("saturated" in state.alarms):
+        return state
+    if not over:
+        effects.append(AlarmCleared("saturated"))
+        return replace(state, alarms=state.alarms - {"saturated"})
+    text = f"a travel cost exceeds c_max = {c_max_s:.1f} s and is sent as c_max: raise [fleet] c_max_s"
+    effects.append(AlarmRaised(WARNING, "saturated", text))
+    return replace(state, alarms=state.alarms | {"saturated"})
+
+
+def _own_inputs(state: State, costs_q: NDArray[np.uint8], over: bool, allowed: Permissions) -> OwnInputs:
+    x_m, y_m, yaw_rad = state.pose
+    codes = {code for code, _ in state.faults}
+    localized = "not_localized" not in codes
+    flags = (
+        FLAG_STOPPED * state.stop.latched
+        | FLAG_LOCALIZED * localized
+        | FLAG_GUARD * state.held
+        | FLAG_SATURATED * over
+    )
+    outcome = state.outcome
+    way_m = 0.0 if outcome is None else outcome.remaining_m
+    return OwnInputs(
+        costs_q=costs_q,
+        can_request=allowed.may_request,
+        why_not=allowed.why_not,
+        arrived=outcome is not None and outcome.arrived,
+        may_serve=allowed.may_serve,
+        drop_claim=allowed.drop_claim,
+        x_cm=_centimetres(x_m),
+        y_cm=_centimetres(y_m),
+        yaw_256=round(yaw_rad / math.tau * 256) % 256,
+        speed_2cmps=min(round(abs(state.odometry.v_mps) * 50), 255),
+        eta_s=min(way_m / state.config.limits.speed_mps, 6553.5),
+        status=IDLE if localized else LOST,
+        flags=flags,
+        intent=_intent(state),
+        stop_counter=state.stop.counter,
+    )
+
+
+def _centimetres(length_m: float) -> int:
+    return min(max(round(length_m * 100), -32768), 32767)
+
+
+def _intent(state: State) -> Intent:
+    if state.outcome is not None:
+        ix, iy, steps = encode_intent(state.outcome.intent)
+        return Intent(ix, iy, 0, steps)
+    if state.ground is None:
+        return Intent()
+    grid = state.ground.costmap.grid
+    ix, iy = grid.cell_of(state.odometry.x_m, state.odometry.y_m)
+    return Intent(min(max(ix, 0), grid.width - 1), min(max(iy, 0), grid.height - 1))
