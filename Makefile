@@ -9,7 +9,7 @@ SOURCES := pyproject.toml constraints.txt
 
 export HIPPOMAT_DATA ?= $(abspath ../shared/data)
 
-.PHONY: demo test lint check bench fuzz format clean
+.PHONY: demo test lint check bench fuzz firmware-native idf-check format clean
 
 demo: $(VENV)/.sim
 	$(BIN)/hippomat-sim demo
@@ -32,6 +32,19 @@ bench: $(VENV)/.dev
 # 1,000,000 inputs for the firmware's parsers under sanitizers, 1,000,000 for C beside Python (INPUTS=...).
 fuzz: $(VENV)/.dev
 	bash esp32_firmware/fuzz/run.sh
+
+# The tests of `pio test -e native`, where PlatformIO cannot fetch its test framework.
+FIRMWARE := esp32_firmware
+firmware-native:
+	@mkdir -p build
+	$${CC:-cc} -std=gnu11 -g -Wall -Wextra -Werror -I tests/firmware/unity_stub -I $(FIRMWARE)/lib/radio_core \
+	  $(FIRMWARE)/test/*/*.c $(FIRMWARE)/lib/radio_core/*.c -o build/firmware-native
+	build/firmware-native
+
+# IDF_PATH=... : the firmware against the headers of a real ESP-IDF. esp32_firmware/README.md
+idf-check: $(BIN)/python
+	@$(PIP) 'esp-idf-kconfig<3'
+	$(BIN)/python $(FIRMWARE)/tools/idf_check.py
 
 format: $(VENV)/.dev
 	$(BIN)/ruff check --fix --exit-zero .

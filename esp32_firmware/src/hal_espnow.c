@@ -10,50 +10,63 @@
 #include "esp_now.h"
 #include "esp_timer.h"
 #include "esp_wifi.h"
-#include "freertos/task.h"
 
-enum { NO_MEM_RETRIES = 3, NO_MEM_BEFORE_RESTART = 20 };
+enum {
+    BACK_OFF_US = 2000, /* doubled with every further failure, five times */
+    BACK_OFF_DOUBLINGS = 5,
+    FAILED_LIMIT = 12,    /* sends in a row that failed: 0.5 s */
+    UNANSWERED_LIMIT = 20 /* sends in a row without a callback: 1 s */
+};
 
-static const char *TAG = "espnow";
+static const char *const TAG = "espnow";
 static const uint8_t BROADCAST[ESP_NOW_ETH_ALEN] = {0xff, 0xff, 0xff, 0xff, 0xff, 0xff};
 
-static QueueHandle_t air_events;
+static QueueHandle_t events;
+static esp_now_rate_config_t rate;
 static atomic_uint dropped;
-static unsigned out_of_memory; /* sends in a row that found ESP-NOW's buffers full */
+static atomic_uint unanswered;
+static unsigned failed;
+static uint64_t free_us;
 
-/* Both callbacks run in the Wi-Fi task: copy, queue without waiting, count what does not fit. */
+/* ---- callbacks: in the Wi-Fi task. Copy, queue without waiting, count what does not fit. --------------- */
+
+static void post(const hal_event *event) {
+    if (xQueueSend(events, event, 0) != pdTRUE)
+        atomic_fetch_add(&dropped, 1);
+}
 
 static void on_heard(const esp_now_recv_info_t *info, const uint8_t *data, int length) {
     if (length <= 0 || length > RC_MAX_FRAME) {
         atomic_fetch_add(&dropped, 1);
         return;
     }
-    air_event event = {
-        .time_us = esp_timer_get_time(),
-        .kind = AIR_HEARD,
+    hal_event event = {
+        .time_us = (uint64_t)esp_timer_get_time(),
+        .kind = EVENT_HEARD,
         .rssi_dbm = (int8_t)info->rx_ctrl->rssi,
         .length = (uint8_t)length,
     };
+    memcpy(event.mac, info->src_addr, RC_MAC_BYTES);
     memcpy(event.frame, data, (size_t)length);
-    if (xQueueSend(air_events, &event, 0) != pdTRUE)
-        atomic_fetch_add(&dropped, 1);
+    post(&event);
 }
 
 #if ESP_IDF_VERSION >= ESP_IDF_VERSION_VAL(5, 5, 0)
-static void on_done(const esp_now_send_info_t *info, esp_now_send_status_t status) {
+static void on_sent(const esp_now_send_info_t *info, esp_now_send_status_t status) {
 #else
-static void on_done(const uint8_t *info, esp_now_send_status_t status) {
+static void on_sent(const uint8_t *info, esp_now_send_status_t status) {
 #endif
     (void)info;
-    air_event event = {
-        .time_us = esp_timer_get_time(),
-        .kind = AIR_DONE,
+    hal_event event = {
+        .time_us = (uint64_t)esp_timer_get_time(),
+        .kind = EVENT_SENT,
         .ok = status == ESP_NOW_SEND_SUCCESS,
     };
-    /* One that is lost here is made up for by the radio core's timeout. */
-    if (xQueueSend(air_events, &event, 0) != pdTRUE)
-        atomic_fetch_add(&dropped, 1);
+    atomic_store(&unanswered, 0);
+    post(&event); /* one that is lost is made up for by the radio core's timeout */
 }
+
+/* ---- start --------------------------------------------------------------------------------------------- */
 
 #define TRY(call)                                                                                            \
     do {                                                                                                     \
@@ -67,58 +80,81 @@ static void on_done(const uint8_t *info, esp_now_send_status_t status) {
 static esp_err_t start_espnow(void) {
     TRY(esp_now_init());
     TRY(esp_now_register_recv_cb(on_heard));
-    TRY(esp_now_register_send_cb(on_done));
+    TRY(esp_now_register_send_cb(on_sent));
     esp_now_peer_info_t peer = {.channel = 0, .ifidx = WIFI_IF_STA, .encrypt = false};
     memcpy(peer.peer_addr, BROADCAST, sizeof BROADCAST);
     TRY(esp_now_add_peer(&peer));
-    /* The default of 1 Mbit/s would need six times the airtime. */
-    esp_now_rate_config_t rate = {
-        .phymode = WIFI_PHY_MODE_11G,
-        .rate = WIFI_PHY_RATE_6M,
-        .ersu = false,
-        .dcm = false,
-    };
-    return esp_now_set_peer_rate_config(BROADCAST, &rate);
+    TRY(esp_now_set_peer_rate_config(BROADCAST, &rate));
+    return ESP_OK;
 }
 
-esp_err_t hal_espnow_start(QueueHandle_t events, uint8_t channel) {
-    air_events = events;
+/* The default of 1 Mbit/s would need six times the airtime. */
+static esp_now_rate_config_t ofdm(uint8_t rate_mbps) {
+    return (esp_now_rate_config_t){
+        .phymode = WIFI_PHY_MODE_11G,
+        .rate = rate_mbps == 24   ? WIFI_PHY_RATE_24M
+                : rate_mbps == 12 ? WIFI_PHY_RATE_12M
+                                  : WIFI_PHY_RATE_6M,
+    };
+}
+
+esp_err_t hal_espnow_start(QueueHandle_t queue, uint8_t rate_mbps) {
+    events = queue;
+    rate = ofdm(rate_mbps);
+    wifi_init_config_t config = WIFI_INIT_CONFIG_DEFAULT();
     TRY(esp_netif_init());
     TRY(esp_event_loop_create_default());
-    wifi_init_config_t config = WIFI_INIT_CONFIG_DEFAULT();
     TRY(esp_wifi_init(&config));
     TRY(esp_wifi_set_storage(WIFI_STORAGE_RAM));
     TRY(esp_wifi_set_mode(WIFI_MODE_STA));
     TRY(esp_wifi_start());
     TRY(esp_wifi_set_ps(WIFI_PS_NONE));
-    hal_espnow_set_channel(channel); /* says so if it cannot; a boot loop would help nobody */
     TRY(start_espnow());
     return ESP_OK;
 }
 
-esp_err_t hal_espnow_set_channel(uint8_t channel) {
-    TRY(esp_wifi_set_channel(channel, WIFI_SECOND_CHAN_NONE));
-    return ESP_OK;
+uint8_t hal_espnow_channel(void) {
+    uint8_t channel = 0;
+    wifi_second_chan_t second;
+    esp_wifi_get_channel(&channel, &second);
+    return channel;
 }
 
-static void restart_espnow(void) {
-    ESP_LOGW(TAG, "restart after %u sends without memory", out_of_memory);
-    out_of_memory = 0;
+bool hal_espnow_tune(uint8_t channel) {
+    return esp_wifi_set_channel(channel, WIFI_SECOND_CHAN_NONE) == ESP_OK;
+}
+
+/* ---- sending ------------------------------------------------------------------------------------------- */
+
+static void start_anew(void) {
+    ESP_LOGW(TAG, "start anew: %u sends failed, %u without an answer", failed, atomic_load(&unanswered));
+    failed = 0;
+    atomic_store(&unanswered, 0);
     esp_now_deinit();
     if (start_espnow() != ESP_OK)
-        ESP_LOGE(TAG, "ESP-NOW does not start again");
+        ESP_LOGE(TAG, "ESP-NOW does not start again"); /* the next sends fail: tried again after them */
 }
 
-bool hal_espnow_send(const uint8_t *frame, size_t n) {
-    esp_err_t error = esp_now_send(BROADCAST, frame, n);
-    for (int retry = 0; error == ESP_ERR_ESPNOW_NO_MEM && retry < NO_MEM_RETRIES; retry++) {
-        vTaskDelay(1);
-        error = esp_now_send(BROADCAST, frame, n);
+static void back_off(uint64_t now_us) {
+    unsigned doublings = failed < BACK_OFF_DOUBLINGS ? failed : BACK_OFF_DOUBLINGS;
+    free_us = now_us + ((uint64_t)BACK_OFF_US << doublings);
+    failed++;
+}
+
+bool hal_espnow_send(uint64_t now_us, const uint8_t *frame, size_t n) {
+    if (failed >= FAILED_LIMIT || atomic_load(&unanswered) >= UNANSWERED_LIMIT)
+        start_anew();
+    if (esp_now_send(BROADCAST, frame, n) != ESP_OK) {
+        back_off(now_us);
+        return false;
     }
-    out_of_memory = error == ESP_ERR_ESPNOW_NO_MEM ? out_of_memory + 1 : 0;
-    if (out_of_memory >= NO_MEM_BEFORE_RESTART)
-        restart_espnow();
-    return error == ESP_OK;
+    failed = 0;
+    atomic_fetch_add(&unanswered, 1);
+    return true;
+}
+
+uint64_t hal_espnow_free_us(void) {
+    return free_us;
 }
 
 uint32_t hal_espnow_take_dropped(void) {

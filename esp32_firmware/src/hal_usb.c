@@ -1,28 +1,27 @@
-#include "hal_usb.h"
-
+/* The chip's own USB serial port (/dev/ttyACM0 on the host). */
 #include "driver/usb_serial_jtag.h"
 #include "freertos/FreeRTOS.h"
+#include "hal_host.h"
 
-enum { RING_BYTES = 4096, WRITE_TIMEOUT_MS = 5 }; /* the default rings of 256 are shorter than a frame */
-
-static bool host_reads = true;
-
-esp_err_t hal_usb_start(void) {
+static esp_err_t host_start(void) {
     usb_serial_jtag_driver_config_t config = {
-        .tx_buffer_size = RING_BYTES,
-        .rx_buffer_size = RING_BYTES,
+        .tx_buffer_size = HAL_HOST_RING_BYTES,
+        .rx_buffer_size = HAL_HOST_RING_BYTES,
     };
     return usb_serial_jtag_driver_install(&config);
 }
 
-size_t hal_usb_read(uint8_t *bytes, size_t cap) {
+static size_t host_read(uint8_t *bytes, size_t cap) {
     int n = usb_serial_jtag_read_bytes(bytes, (uint32_t)cap, 0);
     return n > 0 ? (size_t)n : 0;
 }
 
-bool hal_usb_write(const uint8_t *bytes, size_t n) {
-    /* Waits only while the host reads: a closed port must not slow the radio down. */
-    TickType_t wait = host_reads ? pdMS_TO_TICKS(WRITE_TIMEOUT_MS) : 0;
-    host_reads = usb_serial_jtag_write_bytes(bytes, n, wait) == (int)n;
-    return host_reads;
+static bool host_write(const uint8_t *bytes, size_t n) {
+    return usb_serial_jtag_write_bytes(bytes, n, 0) == (int)n;
 }
+
+static void host_flush(uint32_t limit_ms) {
+    usb_serial_jtag_wait_tx_done(pdMS_TO_TICKS(limit_ms));
+}
+
+const hal_host hal_usb = {.start = host_start, .read = host_read, .write = host_write, .flush = host_flush};

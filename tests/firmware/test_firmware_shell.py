@@ -1,87 +1,147 @@
-"""What can be known of the ESP32 shell without its tool chain: syntax, types, settings, the native suite."""
+"""What can be known of the ESP32 shell without a chip: syntax, types, settings, the native suite.
+
+What it does is in test_shell_on_chip.py and test_shell_traffic.py; against a real ESP-IDF: `make idf-check`.
+"""
 
 from __future__ import annotations
 
 import configparser
+import os
 import re
 import shutil
 import subprocess
-from pathlib import Path
+import sys
 
 import pytest
+from chip import CORE, FIRMWARE, INCLUDES, SHELL, STRICT, compile_c
 
-HERE = Path(__file__).parent
-FIRMWARE = HERE.parent.parent / "esp32_firmware"
-CORE = FIRMWARE / "lib/radio_core"
-STRICT = ("-std=gnu17", "-Wall", "-Wextra", "-Werror", "-Werror=incompatible-pointer-types")
-
-
-def gcc(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
-    command = ["gcc", *(str(argument) for argument in arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+PROJECT = FIRMWARE.parent
+FLASH_BYTES = 4 << 20
+SECTOR_BYTES = 0x1000
 
 
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("idf_minor", [4, 5])
-def test_the_shell_fits_both_forms_of_the_send_callback(idf_minor):
-    includes = ("-I", HERE / "idf_stubs", "-I", CORE)
-    sources = sorted((FIRMWARE / "src").glob("*.c"))
-    assert len(sources) == 4
-    result = gcc("-fsyntax-only", *STRICT, f"-DIDF_MINOR={idf_minor}", *includes, *sources)
+@pytest.mark.parametrize(
+    "variant", ["", "-DHIPPOMAT_HOST_PORT=hal_uart", "-DHIPPOMAT_LED_PIN=-1", "-DHIPPOMAT_LED_RGB=0"]
+)
+def test_every_variant_of_the_shell_compiles_with_both_forms_of_the_send_callback(
+    compiler, idf_minor, variant
+):
+    flags = ("-fsyntax-only", *STRICT, f"-DIDF_MINOR={idf_minor}", *filter(None, [variant]))
+    result = compile_c(compiler, *flags, *INCLUDES, *sorted(SHELL.glob("*.c")))
     assert (result.returncode, result.stderr) == (0, "")
 
 
 def test_a_callback_of_the_wrong_form_does_not_compile(tmp_path):
     """That is: the check above can fail."""
-    source = (FIRMWARE / "src/hal_espnow.c").read_text()
+    source = (SHELL / "hal_espnow.c").read_text()
     wrong = tmp_path / "hal_espnow.c"
     wrong.write_text(source.replace("ESP_IDF_VERSION >= ESP_IDF_VERSION_VAL(5, 5, 0)", "0"))
-    includes = ("-I", HERE / "idf_stubs", "-I", CORE, "-I", FIRMWARE / "src")
-    result = gcc("-fsyntax-only", *STRICT, "-DIDF_MINOR=5", *includes, wrong)
+    result = compile_c("gcc", "-fsyntax-only", *STRICT, "-DIDF_MINOR=5", *INCLUDES, wrong)
     assert "incompatible-pointer-types" in result.stderr
 
 
-def test_the_native_suite_passes_with_a_stand_in_for_unity(tmp_path):
-    program = tmp_path / "native"
-    suite = FIRMWARE / "test/test_radio_core/test_main.c"
-    includes = ("-I", HERE / "unity_stub", "-I", CORE)
-    built = gcc(*STRICT, *includes, suite, *CORE.glob("*.c"), "-o", program)
-    assert built.returncode == 0, built.stderr
-    result = subprocess.run([str(program)], capture_output=True, text=True, check=False)
-    assert (result.returncode, result.stdout.count("passed test_")) == (0, 3)
+def test_the_shell_calls_nothing_that_takes_memory_of_its_own(tmp_path):
+    """What it starts once (drivers, a timer) takes some; queue and task are given theirs."""
+    nm = shutil.which("nm")
+    if nm is None:
+        pytest.skip("nm is not installed")
+    sources = [*SHELL.glob("*.c"), *CORE.glob("*.c")]
+    for number, source in enumerate(sources):
+        built = compile_c("gcc", "-c", "-DIDF_MINOR=5", *INCLUDES, source, "-o", tmp_path / f"{number}.o")
+        assert built.returncode == 0, built.stderr
+    listed = subprocess.run(
+        [nm, "-u", *tmp_path.glob("*.o")], capture_output=True, text=True, check=True
+    ).stdout
+    needed = {line.split()[-1] for line in listed.splitlines() if " U " in line}
+    assert not needed & {"malloc", "calloc", "realloc", "free", "xQueueCreate", "xTaskCreatePinnedToCore"}
+    assert {"xQueueCreateStatic", "xTaskCreateStaticPinnedToCore"} <= needed
 
 
-def test_a_channel_that_the_region_forbids_is_neither_stored_nor_keeps_the_radio_from_starting(tmp_path):
-    """A stored one would end in a boot loop that only erasing the flash could break."""
-    program = tmp_path / "channel"
-    includes = ("-I", HERE / "idf_stubs", "-I", CORE, "-I", FIRMWARE / "src")
-    built = gcc(
-        *STRICT, "-DIDF_MINOR=5", *includes, HERE / "shell_channel.c", *CORE.glob("*.c"), "-o", program
+def test_the_native_suite_passes_with_a_stand_in_for_unity():
+    if shutil.which("make") is None:
+        pytest.skip("make is not installed")
+    result = subprocess.run(
+        ["make", "firmware-native"], cwd=PROJECT, capture_output=True, text=True, check=False
     )
-    assert built.returncode == 0, built.stderr
-    result = subprocess.run([str(program)], capture_output=True, text=True, check=True)
-    told = [line for line in result.stdout.splitlines() if line.startswith(("stored", "started"))]
-    assert told == ["stored 1", "stored 1", "started 1"]
+    suite = (FIRMWARE / "test/test_radio_core/test_main.c").read_text()
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.count("passed test_") == suite.count("RUN_TEST(") > 5
+
+
+# ---- settings ------------------------------------------------------------------------------------
+
+
+def platformio() -> configparser.ConfigParser:
+    config = configparser.ConfigParser(interpolation=None)
+    config.read(FIRMWARE / "platformio.ini")
+    return config
+
+
+def settings(*files: str) -> dict[str, str]:
+    """As ESP-IDF reads them: a later file decides."""
+    lines = (line for file in files for line in (FIRMWARE / file).read_text().splitlines())
+    return dict(line.split("=", 1) for line in lines if line.startswith("CONFIG_"))
 
 
 def test_platformio_pins_the_platform_and_the_signature_check():
-    config = configparser.ConfigParser()
-    config.read(FIRMWARE / "platformio.ini")
-    radio = config["env:esp32-s3"]
-    assert radio["platform"] == "espressif32@6.13.0"
-    assert radio["framework"] == "espidf"
-    assert "-Werror=incompatible-pointer-types" in radio["build_flags"]
+    config = platformio()
+    assert config["radio"]["platform"] == "espressif32@6.13.0"
+    assert config["radio"]["framework"] == "espidf"
+    assert "-Werror=incompatible-pointer-types" in config["radio"]["build_flags"]
+    assert config["env:esp32-s3"]["extends"] == config["env:s3-uart"]["extends"] == "radio"
     assert config["env:native"]["platform"] == "native"
 
 
 def test_every_source_of_the_shell_is_in_its_build():
-    listed = re.search(r"SRCS ([\w. ]+)\n", (FIRMWARE / "src/CMakeLists.txt").read_text())
+    listed = re.search(r"SRCS ([\w. \n]+)REQUIRES", (SHELL / "CMakeLists.txt").read_text())
     assert listed is not None
-    assert sorted(listed[1].split()) == sorted(path.name for path in (FIRMWARE / "src").glob("*.c"))
+    assert sorted(listed[1].split()) == sorted(path.name for path in SHELL.glob("*.c"))
 
 
-def test_nothing_but_the_link_uses_the_usb_port():
-    settings = (FIRMWARE / "sdkconfig.defaults").read_text().splitlines()
-    assert "CONFIG_ESP_CONSOLE_UART_DEFAULT=y" in settings
-    assert "CONFIG_ESP_CONSOLE_SECONDARY_NONE=y" in settings
+def test_nothing_but_the_link_uses_the_port_of_the_data():
+    usb = settings("sdkconfig.defaults")
+    assert usb["CONFIG_ESP_CONSOLE_UART_DEFAULT"] == usb["CONFIG_ESP_CONSOLE_SECONDARY_NONE"] == "y"
+    board = platformio()["env:s3-uart"]
+    assert "-DHIPPOMAT_HOST_PORT=hal_uart" in board["build_flags"]
+    files = re.search(r'SDKCONFIG_DEFAULTS="([^"]+)"', board["board_build.cmake_extra_args"])
+    assert files is not None
+    uart = settings(*files[1].split(";"))
+    assert uart["CONFIG_ESP_CONSOLE_UART_DEFAULT"] == "n"
+    assert uart["CONFIG_ESP_CONSOLE_NONE"] == uart["CONFIG_ESP_CONSOLE_SECONDARY_NONE"] == "y"
+    assert uart["CONFIG_BOOTLOADER_LOG_LEVEL_NONE"] == "y"
+
+
+def test_the_partitions_fill_4_mb_without_overlap_and_hold_two_firmwares_and_our_own_nvs():
+    rows = [
+        line.split(",") for line in (FIRMWARE / "partitions.csv").read_text().splitlines() if line[:1] != "#"
+    ]
+    places = [(row[0].strip(), row[2].strip(), int(row[3], 0), int(row[4], 0)) for row in rows]
+    end = 0x9000  # behind boot loader and table
+    for _, subtype, offset, size in places:
+        assert (offset, size % SECTOR_BYTES) == (end, 0)
+        assert not subtype.startswith("ota_") or offset % 0x10000 == 0
+        end = offset + size
+    assert end <= FLASH_BYTES
+    assert [size for _, subtype, _, size in places if subtype.startswith("ota_")] == [0x1E0000] * 2
+    assert ("hippomat", "nvs") in {(name, subtype) for name, subtype, _, _ in places}
+    assert settings("sdkconfig.defaults")["CONFIG_ESPTOOLPY_FLASHSIZE_4MB"] == "y"
+
+
+def test_the_firmware_names_its_version_and_commit():
+    version = re.search(r'^version = "(.+)"$', (PROJECT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert version is not None
+    assert f'.firmware = "hippomat {version[1]}"' in (SHELL / "main.c").read_text()
+    flag = subprocess.run(
+        [sys.executable, "git_hash.py"], cwd=FIRMWARE, capture_output=True, text=True, check=True
+    ).stdout
+    assert re.fullmatch(r"-DHIPPOMAT_GIT_HASH=([0-9a-f]{8}|unknown)\n", flag)
+
+
+def test_the_check_against_esp_idf_says_what_is_missing(tmp_path):
+    command = [sys.executable, FIRMWARE / "tools/idf_check.py"]
+    environment = os.environ | {"IDF_PATH": str(tmp_path)}
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert "holds no ESP-IDF: set it to a checkout of v5.5.3" in result.stderr

@@ -1,6 +1,7 @@
 #pragma once
 #include "esp_wifi.h"
 #define ESP_NOW_ETH_ALEN 6
+#define ESP_ERR_ESPNOW_NOT_INIT 0x3065
 #define ESP_ERR_ESPNOW_NO_MEM 0x3067
 typedef enum { ESP_NOW_SEND_SUCCESS, ESP_NOW_SEND_FAIL } esp_now_send_status_t;
 typedef struct {

@@ -6,7 +6,12 @@ typedef enum { WIFI_PS_NONE } wifi_ps_type_t;
 typedef enum { WIFI_SECOND_CHAN_NONE } wifi_second_chan_t;
 typedef enum { WIFI_IF_STA } wifi_interface_t;
 typedef enum { WIFI_PHY_MODE_LR, WIFI_PHY_MODE_11B, WIFI_PHY_MODE_11G } wifi_phy_mode_t;
-typedef enum { WIFI_PHY_RATE_1M_L = 0x00, WIFI_PHY_RATE_6M = 0x0b } wifi_phy_rate_t;
+typedef enum {
+    WIFI_PHY_RATE_1M_L = 0x00,
+    WIFI_PHY_RATE_24M = 0x09,
+    WIFI_PHY_RATE_12M = 0x0a,
+    WIFI_PHY_RATE_6M = 0x0b
+} wifi_phy_rate_t;
 typedef struct {
     signed rssi : 8;
     unsigned timestamp;
@@ -21,3 +26,4 @@ esp_err_t esp_wifi_set_mode(wifi_mode_t mode);
 esp_err_t esp_wifi_start(void);
 esp_err_t esp_wifi_set_ps(wifi_ps_type_t type);
 esp_err_t esp_wifi_set_channel(uint8_t primary, wifi_second_chan_t second);
+esp_err_t esp_wifi_get_channel(uint8_t *primary, wifi_second_chan_t *second);

@@ -7,3 +7,4 @@ typedef struct {
 esp_err_t usb_serial_jtag_driver_install(usb_serial_jtag_driver_config_t *config);
 int usb_serial_jtag_read_bytes(void *buffer, uint32_t length, TickType_t wait);
 int usb_serial_jtag_write_bytes(const void *source, size_t size, TickType_t wait);
+esp_err_t usb_serial_jtag_wait_tx_done(TickType_t wait);
