@@ -6,11 +6,9 @@ enum {
     EXTENSION_US = 6,    /* OFDM at 2.4 GHz */
     OVERHEAD_BYTES = 43, /* 24 MAC, 15 vendor action frame, 4 FCS */
     SERVICE_TAIL_BITS = 22,
-    QUIET_ROUNDS = 10,  /* so many without a sample: alone */
-    STEADY_ROUNDS = 3,  /* so many since a jump: settled */
-    SLOWEST = 1000,     /* time goes back by at most the round over this */
-    SPAN_MIN_US = 1000, /* more than any slew, so that time goes on in it */
-    SPAN_MAX_US = 1000000000
+    QUIET_ROUNDS = 10, /* so many without a sample: alone */
+    STEADY_ROUNDS = 3, /* so many since a jump: settled */
+    SLOWEST = 1000     /* time goes back by at most the round over this */
 };
 
 static const uint64_t STAMP_LIMIT_US = (uint64_t)1 << 48;
@@ -129,7 +127,7 @@ void rc_fleet_time_end_round(rc_fleet_time *time, uint64_t own_us, uint32_t roun
         slew_us += time->median_us / 2;
     }
     int32_t back_us = clip(round_us / SLOWEST, 0, RC_MAX_SLEW_US);
-    uint32_t span_us = (uint32_t)clip(round_us, SPAN_MIN_US, SPAN_MAX_US);
+    uint32_t span_us = (uint32_t)clip(round_us, 0, INT32_MAX); /* its square is below 2^64 */
     begin_span(time, own_us, fleet_us, clip(slew_us, -back_us, RC_MAX_SLEW_US), span_us);
     forget_samples(time);
 }

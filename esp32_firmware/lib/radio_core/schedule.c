@@ -37,7 +37,7 @@ static rc_turn turn_at(const rc_schedule *schedule, uint8_t robot, uint32_t salt
     uint64_t round = index / RC_PHASES;
     uint32_t phase = (uint32_t)(index % RC_PHASES), slot = robot, late_us = 0;
     if (robot >= schedule->slots) {
-        uint32_t noise = rc_noise(salt ^ robot, (uint32_t)index);
+        uint32_t noise = rc_noise(rc_noise(salt, robot), (uint32_t)index);
         slot = noise % schedule->slots;
         late_us = (noise >> 16) % (RC_SLOT_LATEST_US + 1);
     }
