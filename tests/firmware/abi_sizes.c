@@ -1,5 +1,4 @@
-/* Prints what the compiler made of the structs that cross the binding: name, size, then offset of each last
- * field. */
+/* Prints what the compiler made of the structs that cross the binding: name, size, offset of a last field. */
 #include <stdio.h>
 
 #include "radio_core.h"
@@ -16,12 +15,24 @@ int main(void) {
     SHOW(rc_tasks, slots);
     SHOW(rc_stop, reason);
     SHOW(rc_cobs_decoder, buffer);
+    SHOW(rc_cipher, open);
+    SHOW(rc_schedule, slots);
+    SHOW(rc_turn, latest_us);
     SHOW(rc_identity, channel);
-    SHOW(rc_hello, identity);
+    SHOW(rc_hello, schedule);
     SHOW(rc_send, length);
+    SHOW(rc_provision, unix_s);
+    SHOW(rc_command, reason);
     SHOW(rc_about, git_hash);
     SHOW(rc_counters, usb_bad_checksums);
-    SHOW(rc_condition, flags);
-    SHOW(rc_config, identity);
+    SHOW(rc_condition, duplicate);
+    SHOW(rc_peer_report, flags);
+    SHOW(rc_fleet_time, jumps);
+    SHOW(rc_relay_table, rows);
+    SHOW(rc_peer, second_us);
+    SHOW(rc_stop_latch, changed);
+    SHOW(rc_operator, boot);
+    SHOW(rc_memory, stop_resumed);
+    SHOW(rc_config, cipher);
     return 0;
 }

@@ -37,7 +37,8 @@ def c_body(frame: Any) -> tuple[Any, Any]:
     if isinstance(frame, air.RelayFrame):
         m = len(frame.rows[0].costs) if frame.rows else 0
         rows = [_scalars(row) | {"costs": row.costs.tolist()} for row in frame.rows]
-        return ffi.new("rc_relay *", {"m": m, "count": len(rows), "rows": rows}), lib.rc_relay_encode
+        relay = {"n": frame.n, "m": m, "count": len(rows), "held": frame.held, "rows": rows}
+        return ffi.new("rc_relay *", relay), lib.rc_relay_encode
     if isinstance(frame, air.TasksFrame):
         slots = [_scalars(slot) for slot in frame.slots]
         return ffi.new("rc_tasks *", {"count": len(slots), "slots": slots}), lib.rc_tasks_encode
@@ -71,8 +72,8 @@ def _c_decode_body(kind: int, raw: Any, size: int) -> Any:
         relay = ffi.new("rc_relay *")
         if not lib.rc_relay_decode(raw, size, relay):
             return None
-        rows = relay.rows[0 : relay.count]
-        return air.RelayFrame(tuple(_value(air.RelayRow, row, costs=relay.m) for row in rows))
+        rows = tuple(_value(air.RelayRow, row, costs=relay.m) for row in relay.rows[0 : relay.count])
+        return air.RelayFrame(relay.n, relay.held, rows)
     if kind == air.TASKS:
         tasks = ffi.new("rc_tasks *")
         if not lib.rc_tasks_decode(raw, size, tasks):
@@ -111,7 +112,7 @@ def _value(kind: Any, struct: Any, **sizes: int) -> Any:
             raw = np.array(list(raw[0 : sizes[field.name]]), np.uint8)
         elif field.name == "claim":
             raw = _value(air.AirClaim, raw)
-        elif field.name == "confirmed":
+        elif field.type == "bool":
             raw = bool(raw)
         values[field.name] = raw
     return kind(**values)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import importlib.util
 import json
 from pathlib import Path
+from typing import get_args
 
 import pytest
+from c_messages import c_message, c_understood
 from c_values import c_decode, c_encode, exactly, ffi, lib
-from test_differential import c_message
 from wire_values import plain
 
 from hippomat_core.errors import WireError
@@ -44,13 +45,8 @@ def test_a_golden_message_is_read_and_written_alike_by_both(name):
     assert list(cobs.FrameDecoder().feed(framed)) == [payload]
     out = ffi.new("uint8_t[]", lib.RC_LINK_MAX_ENCODED)
     assert bytes(ffi.buffer(out, lib.rc_cobs_encode(exactly(payload), len(payload), out))) == framed
-    if isinstance(message, link.Hello | link.SendBody):
-        decoded = ffi.new("rc_hello *"), ffi.new("rc_send *")
-        heard = lib.rc_hello_decode(exactly(payload), len(payload), decoded[0])
-        sent = lib.rc_send_decode(exactly(payload), len(payload), decoded[1])
-        assert (heard, sent) == (isinstance(message, link.Hello), isinstance(message, link.SendBody))
-    else:
-        assert c_message(message) == payload
+    assert (c_understood(payload) or message) == message
+    assert (c_understood(payload) is None) == (c_message(message) == payload)
 
 
 @by_name("cobs")
@@ -67,10 +63,19 @@ def test_golden_malformed_frames_are_refused_by_both(name):
     assert not lib.rc_frame_valid(exactly(data), len(data))
 
 
+@by_name("refused_messages")
+def test_golden_malformed_messages_are_refused_by_both(name):
+    payload = bytes.fromhex(WIRE["refused_messages"][name])
+    with pytest.raises(WireError):
+        link.decode_message(payload)
+    assert c_understood(payload) is None
+
+
 def test_every_kind_of_frame_and_message_has_an_example():
     assert {golden["header"]["kind"] for golden in WIRE["frames"].values()} == set(range(1, 6))
+    assert {golden["header"]["sealed"] for golden in WIRE["frames"].values()} == {False, True}
     kinds = {golden["type"] for golden in WIRE["messages"].values()}
-    assert kinds == {"Hello", "SendBody", "HelloReply", "Status", "Heard", "Sent"}
+    assert kinds == {kind.__name__ for kind in get_args(link.LinkMessage)}
     assert (WIRE["protocol_version"], WIRE["link_version"]) == (air.PROTOCOL_VERSION, link.LINK_VERSION)
 
 
@@ -84,9 +89,27 @@ def test_the_golden_file_is_what_its_generator_writes():
 def test_both_sides_have_the_same_limits():
     assert lib.RC_PROTOCOL_VERSION == air.PROTOCOL_VERSION
     assert lib.RC_LINK_VERSION == link.LINK_VERSION
-    assert lib.RC_MAX_FRAME == air.MAX_FRAME
-    assert lib.RC_TAG_BYTES == air.TAG_BYTES
-    assert (lib.RC_HEADER_BYTES, lib.RC_MAX_BODY) == (16, link.MAX_BODY)
+    assert (lib.RC_MAX_FRAME, lib.RC_MAX_BODY) == (air.MAX_FRAME, air.MAX_BODY)
+    assert (lib.RC_HEADER_BYTES, lib.RC_TAG_BYTES) == (air.HEADER_BYTES, air.TAG_BYTES)
+    assert (lib.RC_OPERATOR, lib.RC_NO_ROBOT) == (air.OPERATOR, link.NO_ROBOT)
     assert (lib.RC_LINK_MAX_PAYLOAD, lib.RC_LINK_MAX_STUFFED) == (cobs.MAX_PAYLOAD, cobs.MAX_STUFFED)
     kinds = (lib.RC_STATE, lib.RC_RELAY, lib.RC_TASKS, lib.RC_STOP, lib.RC_RESUME)
     assert kinds == (air.STATE, air.RELAY, air.TASKS, air.STOP, air.RESUME)
+    for name in ("OPEN", "AGREED", "PASSIVE", "STOPPED", "UNSAFE", "PROVISIONED"):
+        assert getattr(lib, f"RC_FLAG_{name}") == getattr(link, f"FLAG_{name}")
+
+
+@pytest.mark.parametrize(
+    ("message", "size"),
+    [
+        (link.Hello, "RC_HELLO_BYTES"),
+        (link.Provision, "RC_PROVISION_BYTES"),
+        (link.HelloReply, "RC_REPLY_BYTES"),
+        (link.Status, "RC_STATUS_BYTES"),
+        (link.PeerReport, "RC_PEER_BYTES"),
+        (link.Round, "RC_ROUND_BYTES"),
+    ],
+)
+def test_a_message_has_the_length_that_link_h_names(message, size):
+    found = [golden["payload"] for golden in WIRE["messages"].values() if golden["type"] == message.__name__]
+    assert {len(payload) // 2 for payload in found} == {getattr(lib, size)}

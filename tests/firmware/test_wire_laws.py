@@ -27,7 +27,9 @@ LARGEST_STATE = air.StateFrame(
     np.full(64, 3, np.uint8),
     *(2**32 - 1, 2**32 - 1, 65535),
 )
-ROW = air.RelayRow(63, 255, 5, 29, 9, 8, True, 3, -1, 2, -3, 255, 255, np.arange(30, dtype=np.uint8))
+ROW = air.RelayRow(
+    *(31, 255, 5, 29, 9, 8, True, 3, True, False, -1, 2, -3, 255, np.arange(30, dtype=np.uint8))
+)
 
 
 @given(air_frames)
@@ -162,11 +164,41 @@ def test_the_largest_state_leaves_room_for_the_tag():
 
 
 def test_five_relay_rows_of_thirty_tasks_fill_a_frame_with_its_tag():
-    header = air.Header(air.RELAY, 1, 2, 3, 4, 5)
-    full = air.RelayFrame((ROW,) * 5)
+    header = air.Header(air.RELAY, False, 1, 2, 3, 4, 5)
+    full = air.RelayFrame(32, 2**32 - 1, (ROW,) * 5)
     assert len(codec.encode_frame(header, full)) + air.TAG_BYTES == air.MAX_FRAME
-    with pytest.raises(WireError, match="RELAY rows = 6 are more than 5, the most at M = 30"):
-        codec.encode_frame(header, air.RelayFrame((ROW,) * 6))
+    with pytest.raises(WireError, match="RELAY rows = 6 are more than 5, the most at N = 32, M = 30"):
+        codec.encode_frame(header, air.RelayFrame(32, 0, (ROW,) * 6))
+    with pytest.raises(WireError, match="RELAY rows = 5 are more than 4, the most at N = 33, M = 30"):
+        codec.encode_frame(header, air.RelayFrame(33, 0, (ROW,) * 5))
+
+
+def test_two_relay_rows_fit_at_the_largest_fleet():
+    row = dataclasses.replace(ROW, costs=np.zeros(80, np.uint8))
+    body = codec.encode_body(air.RelayFrame(64, 2**64 - 1, (row,) * 2))
+    assert len(body) == 2 + 8 + 2 * 94
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"robot": 32}, "RELAY.robot = 32 is outside 0 .. 31"),
+        ({"slot": 30}, "RELAY.slot = 30 is outside 0 .. 29"),
+        ({"tag": 0}, "RELAY.tag = 0 is outside 1 .. 3"),
+        ({"localized": 2}, "RELAY.localized = 2 is not a bool"),
+        ({"slot": air.NO_SLOT}, "has no slot: its other fields must be 0"),
+        ({"costs": np.zeros(29, np.uint8)}, "RELAY.costs has shape (29,)"),
+    ],
+)
+def test_a_relayed_row_that_does_not_fit_is_named(change, message):
+    with pytest.raises(WireError) as caught:
+        codec.encode_body(air.RelayFrame(32, 0, (ROW, dataclasses.replace(ROW, **change))))
+    assert message in str(caught.value)
+
+
+def test_held_rows_are_of_the_roster():
+    with pytest.raises(WireError, match=r"RELAY.held = 8 is outside 0 .. 7"):
+        codec.encode_body(air.RelayFrame(3, 8, (dataclasses.replace(ROW, robot=0),)))
 
 
 @pytest.mark.parametrize(
@@ -195,12 +227,57 @@ def test_a_value_that_does_not_fit_is_named(change, message):
 
 
 def test_a_header_of_another_kind_or_version_is_refused():
-    header = air.Header(air.TASKS, 1, 2, 3, 4, 5)
+    header = air.Header(air.TASKS, False, 1, 2, 3, 4, 5)
     with pytest.raises(WireError, match=r"Header.kind = 3 does not go with a StopFrame"):
         codec.encode_frame(header, air.StopFrame(1, 2, 3))
     data = codec.encode_frame(dataclasses.replace(header, kind=air.RESUME), air.StopFrame(1, 2, 3))
-    with pytest.raises(WireError, match="version = 2 is not 1"):
-        codec.decode_frame(bytes([0x25]) + data[1:])
+    with pytest.raises(WireError, match="version = 1 is not 2"):
+        codec.decode_frame(bytes([0x15]) + data[1:])
+
+
+def test_a_sealed_frames_body_is_read_like_an_open_one():
+    header = air.Header(air.STOP, True, 1, air.OPERATOR, 3, 4, 5)
+    data = codec.encode_frame(header, air.StopFrame(1, 2, 3))
+    assert data[0] == 0x2C
+    assert codec.decode_frame(data) == (header, air.StopFrame(1, 2, 3))
+
+
+def test_an_operator_sends_no_state_and_no_relay():
+    with pytest.raises(WireError, match=r"Header.kind = 1 is not sent by an operator"):
+        codec.encode_header(air.Header(air.STATE, False, 1, air.OPERATOR, 3, 4, 5))
+
+
+@pytest.mark.parametrize(
+    ("message", "error"),
+    [
+        (link.Hello(2, 64, 1, 6, 100, 5), "robot = 64 is neither 0 .. 63 nor 255"),
+        (link.Hello(2, 3, 1, 15, 100, 5), "channel = 15 is outside 1 .. 14"),
+        (link.Hello(2, 3, 1, 6, 100, 33), "slots = 33 are outside 1 .. 32, what a round of 100 ms has room"),
+        (link.Hello(2, 3, 1, 6, 40, 5), "round_ms = 40 is outside 50 .. 5000"),
+        (link.SendBody(air.STOP, bytes(4)), "SendBody.kind = 4 is not STATE or TASKS"),
+        (link.SendBody(air.STATE, bytes(227)), "SendBody.body length = 227 is outside 1 .. 226"),
+        (link.Provision(2, 3, 1, 6, 54, b"", 0), "rate_mbps = 54 is not one of (6, 12, 24)"),
+        (link.Provision(2, 3, 1, 6, 6, b"short", 0), "key length = 5 is not 16 (0: OPEN)"),
+        (link.Provision(2, 3, 1, 6, 6, bytes(16), 0), "protects nothing: OPEN is an empty key"),
+        (link.Provision(2, 3, 1, 6, 6, b"", 2**32), "Provision.unix_s = 4294967296 is outside"),
+        (link.Command(air.STATE, 0, 0), "Command.kind = 1 is not STOP or RESUME"),
+        (link.Command(air.STOP, 1, 0), "Command.counter = 1 is not 0"),
+        (link.PeerReport(64, bytes(6), 1, 2, -3, 4, 5, 6, 7), "PeerReport.robot = 64 is no sender"),
+        (link.Provisioned(2, 1), "Provisioned.stored = 2 is outside 0 .. 1"),
+    ],
+)
+def test_a_message_that_says_what_cannot_be_is_named(message, error):
+    with pytest.raises(WireError) as caught:
+        link.encode_payload(message)
+    assert error in str(caught.value)
+
+
+def test_a_key_is_shown_nowhere():
+    key = b"do not show this"
+    assert "show" not in repr(link.Provision(2, 3, 1, 6, 6, key, 0))
+    with pytest.raises(WireError) as caught:
+        link.encode_payload(link.Provision(2, 3, 1, 6, 6, key + key, 0))
+    assert "show" not in str(caught.value)
 
 
 def test_decoded_arrays_cannot_be_changed():

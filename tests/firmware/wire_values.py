@@ -66,22 +66,27 @@ def states(draw: st.DrawFn) -> air.StateFrame:
     )
 
 
-def relay_rows(m: int) -> st.SearchStrategy[air.RelayRow]:
-    claim = st.one_of(
-        st.just((air.NO_SLOT, 0, 0, False, 0)),
+def relay_rows(n: int, m: int) -> st.SearchStrategy[air.RelayRow]:
+    no_claim = st.just(((air.NO_SLOT, 0, 0, False, 0), (0, 0, 0, 0)))
+    claim = st.tuples(
         st.tuples(st.integers(0, m - 1), u16, u8, st.booleans(), st.integers(1, 3)),
+        st.tuples(i16, i16, i16, u8),
     )
     return st.builds(
-        lambda robot, age, status, claim, *rest: air.RelayRow(robot, age, status, *claim, *rest),
-        *(robots, u8, statuses, claim, i16, i16, i16, u8, u8, arrays(m, 255)),
+        lambda robot, age, status, claim, localized, stopped, costs: air.RelayRow(
+            *(robot, age, status, *claim[0], localized, stopped, *claim[1], costs)
+        ),
+        *(st.integers(0, n - 1), u8, statuses, st.one_of(no_claim, claim)),
+        *(st.booleans(), st.booleans(), arrays(m, 255)),
     )
 
 
 @st.composite
 def relays(draw: st.DrawFn) -> air.RelayFrame:
-    m = draw(st.integers(1, 80))
-    rows = draw(st.lists(relay_rows(m), min_size=1, max_size=225 // (15 + m)))
-    return air.RelayFrame(tuple(rows))
+    n, m = draw(st.integers(1, 64)), draw(st.integers(1, 80))
+    room = (224 - -(-n // 8)) // (14 + m)
+    rows = draw(st.lists(relay_rows(n, m), min_size=1, max_size=room))
+    return air.RelayFrame(n, draw(st.integers(0, 2**n - 1)), tuple(rows))
 
 
 task_slots = st.builds(air.TaskSlot, st.integers(0, 79), u16, st.integers(0, 3), i16, i16, i16)
@@ -90,7 +95,11 @@ stops = st.builds(air.StopFrame, u16, u8, u8)
 
 
 def headers(kinds: st.SearchStrategy[int]) -> st.SearchStrategy[air.Header]:
-    return st.builds(air.Header, kinds, u8, robots, u32, u24, u48)
+    def of(kind: int) -> st.SearchStrategy[air.Header]:
+        senders = st.one_of(robots, st.just(air.OPERATOR)) if kind >= air.TASKS else robots
+        return st.builds(air.Header, st.just(kind), st.booleans(), u8, senders, u32, u24, u48)
+
+    return kinds.flatmap(of)
 
 
 def _with_header(kinds: tuple[int, ...], bodies: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
@@ -105,26 +114,52 @@ air_frames = st.one_of(
 )
 
 identities = st.one_of(robots, st.just(255))
-channels = st.integers(1, 14)
-kinds = st.integers(1, 5)
+who = (identities, u8, st.integers(1, 14))  # robot, fleet, channel
+rates = st.sampled_from(link.RATES_MBPS)
+flags = st.integers(0, 63)
+macs = st.binary(min_size=6, max_size=6)
+keys = st.one_of(st.just(link.OPEN_KEY), st.binary(min_size=16, max_size=16).filter(any))
+schedules = st.integers(50, 5000).flatmap(
+    lambda round_ms: st.tuples(st.just(round_ms), st.integers(1, min(64, round_ms * 1000 // 3120)))
+)
 
 
 def texts(size: int) -> st.SearchStrategy[str]:
     return st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=size)
 
 
-link_messages = st.one_of(
-    st.builds(link.Hello, u8, identities, u8, channels),
-    st.builds(link.SendBody, kinds, st.binary(min_size=1, max_size=226)),
-    st.builds(
-        link.HelloReply,
-        *(u8, u8, u32, u32, u8, st.binary(min_size=6, max_size=6), identities, u8, channels),
-        *(texts(16), texts(8)),
-    ),
-    st.builds(link.Status, u32, u32, u8, u64, identities, u8, channels, u8, *[u32] * 8),
-    st.builds(link.Heard, u64, i8, st.binary(min_size=16, max_size=250)),
-    st.builds(link.Sent, u64, kinds, u24, st.booleans()),
+def with_schedule(kind: type, before: tuple[Any, ...], after: tuple[Any, ...] = ()) -> st.SearchStrategy[Any]:
+    """kind(*before, round_ms, slots, *after)."""
+    return st.builds(
+        lambda head, schedule, tail: kind(*head, *schedule, *tail),
+        *(st.tuples(*before), schedules, st.tuples(*after)),
+    )
+
+
+from_host = st.one_of(
+    with_schedule(link.Hello, (u8, *who)),
+    st.builds(link.SendBody, st.sampled_from([air.STATE, air.TASKS]), st.binary(min_size=1, max_size=226)),
+    st.builds(link.Provision, u8, *who, rates, keys, u32),
+    st.builds(link.Command, st.just(air.STOP), st.just(0), u8),
+    st.builds(link.Command, st.just(air.RESUME), u16, u8),
+    st.just(link.AskPeers()),
 )
+to_host = st.one_of(
+    with_schedule(
+        *(link.HelloReply, (u8, u8, u32, u32, u8, macs, *who, rates, flags)),
+        (texts(16), texts(8)),
+    ),
+    with_schedule(
+        *(link.Status, (u32, u32, u8, u64, *who, rates, flags)),
+        (u64, u16, u16, u64, u64, u64, u64, *[u32] * 13, texts(16), texts(8)),
+    ),
+    st.builds(link.Heard, u64, u64, i8, st.binary(min_size=16, max_size=242)),
+    st.builds(link.Sent, u64, st.integers(1, 5), u24, st.booleans()),
+    st.builds(link.Provisioned, st.booleans(), u32),
+    st.builds(link.PeerReport, identities, macs, u32, u24, i8, u32, u32, u8, st.integers(0, 7)),
+    st.builds(link.Round, u32, u64, u64, u64, st.booleans()),
+)
+link_messages = st.one_of(from_host, to_host)
 
 
 def plain(value: Any) -> Any:
