@@ -1,6 +1,6 @@
 """A fleet of real rc_fleet_time structs, each on a crystal of its own, that hear each other's stamps.
 
-Drives the C as the radio core does: a frame per robot and round (or phase) in its slot, stamped when it leaves;
+Drives the C as the radio core does: a frame per robot and round in its slot, stamped when it is sent;
 a round is closed when the next begins. True time is a whole number of microseconds. Deterministic.
 """
 
