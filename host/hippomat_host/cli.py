@@ -1,33 +1,43 @@
-"""`hippomat-host`: the first and last word. Every error that a user can cause is one line and a code."""
+"""`hippomat-host`: the first and last word. Every error that a user can cause is one line and a code.
+
+Loads nothing before Ctrl-C is taken care of.
+"""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
-
-from hippomat_core.errors import HippomatError
-from hippomat_host.commands import COMMANDS
-from hippomat_host.options import config_of, given_of, parser
+from collections.abc import Callable, Sequence
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    command = arguments[0] if arguments and arguments[0] in COMMANDS else ""
     try:
-        return _command(command, arguments[1:]) if command else _daemon(arguments)
-    except HippomatError as error:
-        print(f"hippomat-host: {error}", file=sys.stderr)
-        return error.exit_code
+        return _run(arguments)
     except KeyboardInterrupt:
-        if not command:
-            return 0
-        print(f"hippomat-host {command}: interrupted", file=sys.stderr)
+        if not arguments or arguments[0].startswith("-"):
+            return 0  # the daemon, before it had begun
+        print(f"hippomat-host {arguments[0]}: interrupted", file=sys.stderr)
         return 1
 
 
+def _run(arguments: list[str]) -> int:
+    from hippomat_core.errors import HippomatError
+    from hippomat_host.commands import COMMANDS
+
+    try:
+        if arguments and arguments[0] in COMMANDS:
+            return _command(COMMANDS[arguments[0]], arguments[1:])
+        return _daemon(arguments)
+    except HippomatError as error:
+        print(f"hippomat-host: {error}", file=sys.stderr)
+        return error.exit_code
+
+
 def _daemon(arguments: list[str]) -> int:
+    from hippomat_host.options import config_of, given_of, parser
+
     args = parser().parse_args(arguments)
     config = config_of(args)
     given = given_of(args, config)
@@ -36,9 +46,11 @@ def _daemon(arguments: list[str]) -> int:
     return run(config, given, args.lockstep)
 
 
-def _command(name: str, arguments: list[str]) -> int:
+def _command(command: Callable[[list[str]], int], arguments: list[str]) -> int:
+    from hippomat_core.errors import HippomatError
+
     try:
-        return COMMANDS[name](arguments)
+        return command(arguments)
     except HippomatError:
         raise
     except BrokenPipeError:  # nobody reads any more, e.g. `| head`; what was to be done is done

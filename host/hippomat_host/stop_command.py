@@ -58,6 +58,9 @@ def stop(told: Told) -> int:
             code = Following(radio, watch, goal, begun_s).run()
     except PortError as error:
         raise PortError(f"{error}; {_OTHER_WAY}") from None
+    except KeyboardInterrupt:
+        say("not waiting any longer: who shows it is not known; the radio goes on sending what it was told")
+        raise
     say(f"STOP {watch.counter} holds until `hippomat-host resume --port {told.path}`")
     return code
 

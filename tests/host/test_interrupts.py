@@ -1,0 +1,57 @@
+"""Ctrl-C and a reader that leaves: the commands end with one line, never with a traceback."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+from host_devices import plugged, wait_until
+from host_process import DAEMON
+from scripted_radio import ScriptedRadio
+
+from hippomat_core.wire.link import Command, Hello, Provision
+
+
+def started(*arguments: object) -> subprocess.Popen[str]:
+    command = [*DAEMON, *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "until"),
+    [
+        (("stop",), Command),
+        (("resume",), Hello),
+        (("provision", "--fleet", 7, "--robot", 3, "--channel", 6, "--open"), Provision),
+        (("radio-info",), Hello),
+    ],
+)
+def test_ctrl_c_is_one_line_and_exit_code_1(
+    tmp_path: Path, arguments: tuple[object, ...], until: type
+) -> None:
+    radio = ScriptedRadio(tmp_path / "radio", {until: lambda _: []} if until is Provision else {})
+    with plugged(radio):
+        process = started(*arguments, "--port", radio.link)
+        assert wait_until(lambda: bool(radio.told_of(until)))
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=10.0)
+    assert process.returncode == 1
+    lines = [line for line in err.splitlines() if not line.startswith("warning: ")]
+    assert lines == [f"hippomat-host {arguments[0]}: interrupted"]
+    if arguments[0] == "stop":
+        assert "the radio goes on sending what it was told" in out
+    assert "Traceback" not in out + err
+
+
+def test_a_reader_that_leaves_is_no_traceback(tmp_path: Path) -> None:
+    radio = ScriptedRadio(tmp_path / "radio")
+    with plugged(radio):
+        process = started("radio-info", "--port", radio.link)
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.wait(10.0) in (0, 1)
+        assert process.stderr.read() == ""
+        process.stderr.close()
