@@ -53,6 +53,18 @@ def make_key(arguments: list[str]) -> int:
 
 
 def provision(arguments: list[str]) -> int:
+    args = _provision_parser().parse_args(arguments)
+    path = _port(args.port)
+    from hippomat_host.key_file import read_key
+    from hippomat_host.provision import Wanted
+    from hippomat_host.provision import provision as write
+
+    fleet_key = None if args.open else read_key(args.key_file)
+    robot = NO_ROBOT if args.operator else args.robot
+    return write(path, Wanted(robot, args.fleet, args.channel, args.rate, fleet_key), time.time())
+
+
+def _provision_parser() -> Parser:
     options = _parser(
         "provision",
         "Write identity, channel, rate and fleet key into a radio. It restarts and says what it is now.\n"
@@ -80,15 +92,7 @@ def provision(arguments: list[str]) -> int:
     key.add_argument("--open", action="store_true", help="no key: anyone in range may send, stop and resume")
     same = "Mbit/s on the air, the same in all radios (default: 6)"
     options.add_argument("--rate", type=int, choices=RATES_MBPS, default=RATES_MBPS[0], help=same)
-    args = options.parse_args(arguments)
-    path = _port(args.port)
-    from hippomat_host.key_file import read_key
-    from hippomat_host.provision import Wanted
-    from hippomat_host.provision import provision as write
-
-    fleet_key = None if args.open else read_key(args.key_file)
-    robot = NO_ROBOT if args.operator else args.robot
-    return write(path, Wanted(robot, args.fleet, args.channel, args.rate, fleet_key), time.time())
+    return options
 
 
 def radio_info(arguments: list[str]) -> int:
