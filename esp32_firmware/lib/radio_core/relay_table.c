@@ -1,29 +1,15 @@
-/* Rows are handled as bytes, as RELAY carries them; the bodies given are valid, so nothing is checked twice.
- */
+/* Rows are handled as bytes, as RELAY carries them. The bodies given are valid: nothing is checked twice. */
 #include "relay_table.h"
 
 #include "bytes.h"
+#include "relay_row.h"
 
-/* Byte tables: README.md. */
-enum {
-    STATE_STATUS_AT = 0,
-    STATE_FLAGS_AT = 1,
-    STATE_SLOT_AT = 10,
-    STATE_CLAIM_BITS_AT = 16, /* confirmed and tag, as in a row */
-    STATE_PLACE_AT = 17,
-    STATE_ETA_AT = 23,
-    STATE_N_AT = 25,
-    STATE_M_AT = 26,
-    STATE_COSTS_AT = 27,
-    STATE_INTENT_BYTES = 13,
-    STATE_DIGEST_FROM_END = 10
-};
-enum { FLAG_STOPPED = 1, FLAG_LOCALIZED = 2 };
 enum { RELAY_M_AT = 0, RELAY_N_AT = 1, RELAY_HELD_AT = 2 };
 enum { ROW_ROBOT_AT = 0, ROW_AGE_AT = 1 };
-enum { ROW_STATUS_SHIFT = 3, ROW_LOCALIZED = 64, ROW_STOPPED = 128 };
-enum { SLOT_TO_COST_BYTES = 4, PLACE_BYTES = 6 };
 enum { CERTAIN = 255 };
+enum { BLOCK = 16 }; /* robots at a time, for compilers that have vectors; miss is 0 behind n */
+
+_Static_assert(RC_MAX_ROBOTS % BLOCK == 0, "whole blocks");
 
 static uint64_t bit(unsigned k) {
     return (uint64_t)1 << k;
@@ -48,10 +34,10 @@ static void see(rc_relay_table *table, unsigned i) {
     table->seen_round[i] = table->round;
 }
 
-/* An exponential mean; stays 15/65536 away from 0 and 1, which is no 1/255. */
+/* An exponential mean; 15/65536 short of 0 and of 1, which 1/255 does not show. */
 static void sample(uint16_t *loss, bool heard) {
     unsigned now = *loss;
-    *loss = (uint16_t)(heard ? now - (now >> RC_LOSS_SHIFT) : now + ((UINT16_MAX - now) >> RC_LOSS_SHIFT));
+    *loss = (uint16_t)(now - (now >> RC_LOSS_SHIFT) + (heard ? 0 : UINT16_MAX >> RC_LOSS_SHIFT));
 }
 
 static uint8_t in_255(uint16_t loss) {
@@ -70,37 +56,28 @@ static void dismiss(rc_relay_table *table, unsigned i) {
 /* All that is known of what it lacks is the loss of its links. */
 static void expect_losses(rc_relay_table *table, unsigned i) {
     table->mates |= bit(i);
-    for (unsigned k = 0; k < table->n; k++)
+    const unsigned n = table->n;
+    for (unsigned k = 0; k < n; k++)
         table->miss[k][i] = k == i ? 0 : in_255(table->loss[k][i]);
 }
 
 /* ---- rows --------------------------------------------------------------------------------------------- */
 
-/* Row k went on the air from s: who lacked it has missed this one too. Rounds down, so it reaches 0. */
-static void count_as_sent(rc_relay_table *table, unsigned k, unsigned s) {
-    uint8_t *miss = table->miss[k];
-    const uint16_t *loss = table->loss[s];
-    for (unsigned i = 0; i < table->n; i++)
+/* Rounds down, so it reaches 0. */
+static void scale_block(uint8_t *restrict miss, const uint16_t *restrict loss) {
+    for (unsigned i = 0; i < BLOCK; i++)
         miss[i] = (uint8_t)((uint32_t)miss[i] * loss[i] >> 16);
+}
+
+/* Row k went on the air from s: who lacked it has missed this one too. */
+static void count_as_sent(rc_relay_table *table, unsigned k, unsigned s) {
+    const unsigned n = table->n;
+    for (unsigned i = 0; i < n; i += BLOCK)
+        scale_block(table->miss[k] + i, table->loss[s] + i);
 }
 
 static size_t row_bytes(const rc_relay_table *table) {
     return (size_t)RC_RELAY_ROW_BYTES + table->m;
-}
-
-static void put_row_of_state(uint8_t *at, unsigned robot, const uint8_t *state) {
-    const uint8_t *eta_at = state + STATE_ETA_AT;
-    unsigned flags = state[STATE_FLAGS_AT], eta_s = (rc_take16(&eta_at) + 5u) / 10;
-    unsigned bits = state[STATE_CLAIM_BITS_AT] | (unsigned)state[STATE_STATUS_AT] << ROW_STATUS_SHIFT;
-    bits |= flags & FLAG_LOCALIZED ? ROW_LOCALIZED : 0u;
-    bits |= flags & FLAG_STOPPED ? ROW_STOPPED : 0u;
-    at = rc_put8(at, (uint8_t)robot);
-    at = rc_put8(at, 0);
-    at = rc_put_bytes(at, state + STATE_SLOT_AT, SLOT_TO_COST_BYTES);
-    at = rc_put8(at, (uint8_t)bits);
-    at = rc_put_bytes(at, state + STATE_PLACE_AT, PLACE_BYTES);
-    at = rc_put8(at, (uint8_t)(eta_s < UINT8_MAX ? eta_s : UINT8_MAX));
-    rc_put_bytes(at, state + STATE_COSTS_AT, state[STATE_M_AT]);
 }
 
 /* The first row of a round that is held stays. */
@@ -108,7 +85,7 @@ static void hold_state(rc_relay_table *table, unsigned robot, const uint8_t *sta
     if (has(table->held, robot))
         return;
     table->held |= bit(robot);
-    put_row_of_state(table->rows[robot], robot, state);
+    rc_relay_row_put(table->rows[robot], (uint8_t)robot, state);
 }
 
 /* ---- rounds ------------------------------------------------------------------------------------------- */
@@ -145,14 +122,9 @@ void rc_relay_begin(rc_relay_table *table, uint32_t round) {
     }
 }
 
-static uint32_t digest_of(const uint8_t *state, size_t n) {
-    const uint8_t *at = state + n - STATE_DIGEST_FROM_END;
-    return rc_take32(&at);
-}
-
 static bool agrees(const rc_relay_table *table, const uint8_t *state, size_t n) {
-    return state[STATE_N_AT] == table->n && state[STATE_M_AT] == table->m &&
-           digest_of(state, n) == table->fleet_digest;
+    return rc_state_n(state) == table->n && rc_state_m(state) == table->m &&
+           rc_state_fleet_digest(state, n) == table->fleet_digest;
 }
 
 void rc_relay_own(rc_relay_table *table, uint32_t round, const uint8_t *body, size_t n) {
@@ -161,9 +133,9 @@ void rc_relay_own(rc_relay_table *table, uint32_t round, const uint8_t *body, si
     if (!agrees(table, body, n)) {
         for (unsigned i = 0; i < table->n; i++)
             dismiss(table, i);
-        table->n = body[STATE_N_AT];
-        table->m = body[STATE_M_AT];
-        table->fleet_digest = digest_of(body, n);
+        table->n = rc_state_n(body);
+        table->m = rc_state_m(body);
+        table->fleet_digest = rc_state_fleet_digest(body, n);
         table->held = 0;
         table->held_before = 0;
     }
@@ -175,23 +147,24 @@ void rc_relay_own(rc_relay_table *table, uint32_t round, const uint8_t *body, si
 
 /* ---- what is heard ------------------------------------------------------------------------------------ */
 
-/* What a bitmap in STATE says of the links to its sender, and of the rows of those who spoke before it. A bit
- * that is not set means something for the link only where the row is known to have been sent. */
-static void learn_from_heard(rc_relay_table *table, unsigned sender, uint64_t heard) {
-    uint64_t sent = (table->held & below(sender)) | (table->held_before & ~below(sender));
-    for (unsigned k = 0; k < table->n; k++, heard >>= 1, sent >>= 1) {
-        if (k == sender)
-            continue;
-        if (sent & 1)
-            sample(&table->loss[k][sender], heard & 1);
-        if (k < sender)
-            table->miss[k][sender] = heard & 1 ? 0 : CERTAIN;
-    }
+/* The first n robots: bit clear -> miss of robot i is certain, bit set -> it is 0. */
+static void learn_rows(rc_relay_table *table, unsigned i, uint64_t bits, unsigned n) {
+    for (unsigned k = 0; k < n; k++, bits >>= 1)
+        table->miss[k][i] = bits & 1 ? 0 : CERTAIN;
 }
 
-/* A row goes out for the first time: nobody lacks it more than the link loses. That matters for a late STATE
- * only: the bitmaps heard before it did not know of it. */
-static void learn_from_first(rc_relay_table *table, unsigned sender) {
+/* A bit that is not set says something of the link only where the row is known to have been sent. */
+static void learn_links(rc_relay_table *table, unsigned sender, uint64_t heard) {
+    uint64_t sent = (table->held & below(sender)) | (table->held_before & ~below(sender));
+    sent &= ~bit(sender);
+    const unsigned n = table->n;
+    for (unsigned k = 0; k < n; k++, heard >>= 1, sent >>= 1)
+        if (sent & 1)
+            sample(&table->loss[k][sender], heard & 1);
+}
+
+/* This row goes out late, behind bitmaps that could not show it: nobody lacks it more than the link loses. */
+static void learn_late(rc_relay_table *table, unsigned sender) {
     for (unsigned i = 0; i < table->n; i++) {
         uint8_t loss = in_255(table->loss[sender][i]);
         if (table->miss[sender][i] > loss)
@@ -212,15 +185,12 @@ void rc_relay_heard_state(rc_relay_table *table, uint32_t round, uint8_t sender,
     }
     if (!has(table->mates, sender))
         expect_losses(table, sender);
-    const uint8_t *heard_at = body + STATE_COSTS_AT + table->m + (2u * table->m + 7) / 8 + STATE_INTENT_BYTES;
-    learn_from_heard(table, sender, rc_take(&heard_at, (table->n + 7u) / 8));
-    learn_from_first(table, sender);
+    uint64_t heard = rc_state_heard(body);
+    learn_links(table, sender, heard);
+    learn_rows(table, sender, heard, sender);
+    if (table->direct & ~below(sender + 1u))
+        learn_late(table, sender);
     hold_state(table, sender, body);
-}
-
-static void learn_from_held(rc_relay_table *table, unsigned sender, uint64_t held) {
-    for (unsigned k = 0; k < table->n; k++, held >>= 1)
-        table->miss[k][sender] = held & 1 || k == sender ? 0 : CERTAIN;
 }
 
 void rc_relay_heard_relay(rc_relay_table *table, uint32_t round, uint8_t sender, const uint8_t *body,
@@ -229,7 +199,7 @@ void rc_relay_heard_relay(rc_relay_table *table, uint32_t round, uint8_t sender,
         body[RELAY_M_AT] != table->m || body[RELAY_N_AT] != table->n)
         return;
     const uint8_t *at = body + RELAY_HELD_AT;
-    learn_from_held(table, sender, rc_take(&at, (table->n + 7u) / 8));
+    learn_rows(table, sender, rc_take(&at, (table->n + 7u) / 8) | bit(sender), table->n);
     for (; at < body + n; at += row_bytes(table)) {
         unsigned robot = at[ROW_ROBOT_AT];
         if (at[ROW_AGE_AT] != 0)
@@ -253,6 +223,7 @@ uint8_t rc_relay_loss_to_us(const rc_relay_table *table, uint8_t k) {
 
 /* ---- what is passed on -------------------------------------------------------------------------------- */
 
+/* 0: nobody needs the row, or we do not hold it. */
 static uint32_t need_of(const rc_relay_table *table, unsigned k) {
     if (!has(table->held, k))
         return 0;
