@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-SIM_PACKAGES = ("pybullet", "cffi", "matplotlib", "platformdirs")
+SIM_PACKAGES = ("pybullet", "cffi", "cryptography", "matplotlib", "platformdirs")
 
 
 def main() -> int:
