@@ -20,7 +20,7 @@ static esp_err_t host_start(void) {
     esp_err_t error = uart_driver_install(PORT, HAL_HOST_RING_BYTES, HAL_HOST_RING_BYTES, 0, NULL, 0);
     if (error == ESP_OK)
         error = uart_param_config(PORT, &config);
-    if (error == ESP_OK)
+    if (error == ESP_OK) /* without a console the boot loader takes the pins away from the UART */
         error = uart_set_pin(PORT, U0TXD_GPIO_NUM, U0RXD_GPIO_NUM, UART_PIN_NO_CHANGE, UART_PIN_NO_CHANGE);
     return error;
 }

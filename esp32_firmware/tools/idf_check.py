@@ -29,7 +29,7 @@ COMPILERS = (f"xtensa-{TARGET}-elf-gcc -mlongcalls", "xtensa-lx106-elf-gcc", "gc
 STRICT = ["-std=gnu17", "-O2", "-Wall", "-Wextra", "-Werror", "-Werror=incompatible-pointer-types"]
 # As ESP-IDF's own build defines them.
 DEFINES = ("-DESP_PLATFORM", "-D_GNU_SOURCE", '-DMBEDTLS_CONFIG_FILE="mbedtls/esp_config.h"')
-VARIANTS = ((), ("-DHIPPOMAT_LED_RGB=0",), ("-DHIPPOMAT_LED_PIN=-1",))
+VARIANTS = (("-DHIPPOMAT_LED_RGB=0",), ("-DHIPPOMAT_LED_PIN=-1",))
 INCLUDES = """
     freertos/config/include freertos/config/include/freertos freertos/config/xtensa/include
     freertos/FreeRTOS-Kernel/include freertos/FreeRTOS-Kernel/portable/xtensa/include
@@ -111,7 +111,14 @@ def make_settings(idf: Path, files: list[Path], out: Path) -> None:
         "COMPONENT_KCONFIGS_PROJBUILD_SOURCE_FILE": str(out / "Kconfig.projbuild"),
     } | dict.fromkeys(("IDF_VERSION", "IDF_INIT_VERSION", "IDF_ENV_FPGA", "IDF_MINIMAL_BUILD"), "")
     (out / "environment.json").write_text(json.dumps(environment))
-    command = [sys.executable, "-m", "kconfgen", "--list-separator=semicolon", "--kconfig", idf / "Kconfig"]
+    command: list[str | Path] = [
+        sys.executable,
+        "-m",
+        "kconfgen",
+        "--list-separator=semicolon",
+        "--kconfig",
+        idf / "Kconfig",
+    ]
     command += ["--sdkconfig-rename", idf / "sdkconfig.rename", "--config", out / "sdkconfig"]
     command += ["--env-file", out / "environment.json"]
     command += [part for file in files for part in ("--defaults", file)]
@@ -132,14 +139,35 @@ def without_effect(files: list[Path], made: Path) -> list[str]:
     return [line for name, line in wanted.items() if line not in took]
 
 
+def check_partitions(idf: Path) -> int:
+    """ESP-IDF's own tool refuses what overlaps, is misaligned or does not fit."""
+    tool = idf / "components/partition_table/gen_esp32part.py"
+    table = OUT / "partitions.bin"
+    OUT.mkdir(parents=True, exist_ok=True)
+    command: list[str | Path] = [
+        sys.executable,
+        tool,
+        "--quiet",
+        "--flash-size",
+        "4MB",
+        FIRMWARE / "partitions.csv",
+        table,
+    ]
+    failed = subprocess.run(command, check=False).returncode != 0
+    print(f"partitions.csv in 4 MB: {'refused' if failed else 'well'}")
+    return int(failed)
+
+
 def check(board: str, idf: Path, start: list[str], files: list[Path], flags: list[str]) -> int:
     """The number of complaints."""
     out = OUT / board
     make_settings(idf, files, out)
     complaints = without_effect(files, out / "sdkconfig")
     print("".join(f"{board}: without effect: {line}\n" for line in complaints), end="")
-    jobs = [(path, ()) for path in (*sorted(CORE.glob("*.c")), *sorted((FIRMWARE / "src").glob("*.c")))]
-    jobs += [(FIRMWARE / "src/hal_board.c", variant) for variant in VARIANTS[1:]]
+    jobs: list[tuple[Path, tuple[str, ...]]] = [
+        (path, ()) for path in (*sorted(CORE.glob("*.c")), *sorted((FIRMWARE / "src").glob("*.c")))
+    ]
+    jobs += [(FIRMWARE / "src/hal_board.c", variant) for variant in VARIANTS]
     failed = 0
     for path, variant in jobs:
         command = [*start, *flags, *variant, "-I", CORE, "-I", out, "-S", "-o", os.devnull, path]
@@ -155,7 +183,9 @@ def main() -> int:
         version = subprocess.run([*cc, "--version"], capture_output=True, text=True, check=True).stdout
         print(f"{idf}: {shlex.join(cc)}, {version.splitlines()[0]}")
         start = [*cc, *STRICT, *DEFINES, *system]
-        return int(sum(check(name, idf, start, *board) for name, board in boards().items()) > 0)
+        complaints = check_partitions(idf)
+        complaints += sum(check(name, idf, start, *board) for name, board in boards().items())
+        return int(complaints > 0)
     except Missing as missing:
         print(f"idf-check: missing: {missing}", file=sys.stderr)
         return 2
