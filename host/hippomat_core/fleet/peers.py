@@ -25,6 +25,7 @@ class Peer:
     rssi_dbm: int
     frame: StateFrame
     agrees: bool  # its fleet digest is ours
+    round: int  # of fleet time, in which it was sent
     live: bool = True  # False: unheard for T_dead, its claim has expired
 
     @property
