@@ -1,4 +1,7 @@
-"""What the daemon's screen says of radio, air and STOP: from the radio's status to short texts. Pure."""
+"""What the daemon's screen says of radio, air and STOP: from the radio's status to short texts. Pure.
+
+What somebody has to look after is raised as an alarm by the robot core (fleet/radio_health.py).
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from hippomat_core.messages import RadioStatus
 from hippomat_core.wire import link
 from hippomat_core.wire.frames import OPERATOR
 from hippomat_host.fleet_view import FleetView
-from hippomat_host.radio_words import DROPS, latched, named, robots_of, stop_reason
+from hippomat_host.radio_words import DROPS, latched, stop_reason
 
 _QUIET = ("dropped_replayed",)  # relays and floods bring every frame more than once
 
@@ -36,21 +39,6 @@ def stopped(view: FleetView) -> str:
         origin = "an operator" if told.frame.origin == OPERATOR else f"robot {told.frame.origin}"
         cause = f" ({stop_reason(told.frame.reason)}, by {origin})"
     return f"STOP {radio.stop_counter}{cause} holds until `hippomat-host resume` with any other radio"
-
-
-def troubles(radio: RadioStatus) -> list[str]:
-    """What somebody has to look after, and who it is."""
-    found = []
-    own = 1 << radio.robot if radio.robot < 64 else 0
-    if radio.flags & link.FLAG_PASSIVE:
-        found.append(f"another radio sends as robot {radio.robot}: ours keeps silent; provision one anew")
-    if radio.flags & link.FLAG_UNSAFE:
-        found.append("our radio cannot store its boot counter: flash it anew")
-    if radio.duplicate & ~own:
-        found.append(f"two radios under one id: {named(robots_of(radio.duplicate & ~own))}")
-    if radio.babbling:
-        found.append(f"too many frames from {named(robots_of(radio.babbling))}")
-    return found
 
 
 def mark(radio: RadioStatus | None, robot: int, silent: bool) -> str:

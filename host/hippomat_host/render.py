@@ -41,9 +41,9 @@ def plain(view: FleetView, given: Given) -> str:
     alive = [str(peer.robot) for peer in _sorted(view) if view.now_ns - peer.stamp_ns < GONE_NS]
     hears = f"hears {' '.join(alive)}" if alive else "hears nobody"
     radio = "".join(f"; {part}" for part in _radio_parts(view))
-    if given.observes:
-        return f"observing: {hears}{radio}"
     alarms = f"; alarms: {', '.join(view.alarms)}" if view.alarms else ""
+    if given.observes:
+        return f"observing: {hears}{radio}{alarms}"
     return (
         f"robot {given.robot}: {_motion(view)}; {_claim(view)}; done {view.completed}; {hears}{radio}{alarms}"
     )
@@ -52,9 +52,8 @@ def plain(view: FleetView, given: Given) -> str:
 def _radio_parts(view: FleetView) -> list[str]:
     if view.radio is None:
         return []
-    is_open = view.radio.flags & FLAG_OPEN
-    parts = ["OPEN" if is_open else "sealed", *radio_view.troubles(view.radio)]
-    return [*parts, *filter(None, [radio_view.stopped(view)])]
+    key = "OPEN" if view.radio.flags & FLAG_OPEN else "sealed"
+    return [key, *filter(None, [radio_view.stopped(view)])]
 
 
 def _own(view: FleetView, given: Given, log: str) -> Table:
@@ -69,8 +68,6 @@ def _own(view: FleetView, given: Given, log: str) -> Table:
         grid.add_row(" air", where, radio_view.air(view.radio))
         if drops := radio_view.dropped(view.radio):
             grid.add_row("", "dropped frames", Text(drops, style="yellow"))
-        for trouble in radio_view.troubles(view.radio):
-            grid.add_row("", "trouble", Text(trouble, style="red"))
     if stop := radio_view.stopped(view):
         grid.add_row(" STOP", Text("the fleet is stopped", style="bold red"), Text(stop, style="red"))
     if not given.observes:
