@@ -114,6 +114,17 @@ def test_the_latch_outlives_a_reboot():
     assert latch(again) == (1, 0)
 
 
+def test_a_latch_that_could_not_be_stored_is_tried_again_every_second():
+    radio = a_radio(robot=3)
+    radio.usb_rx(0, STOP)
+    radio.kept(8, False)
+    assert radio.dirty == 0
+    sent_until(radio, 0, 999_000)
+    radio.kept(radio.dirty, False)
+    sent_until(radio, 999_001, 2_000_000)
+    assert radio.dirty == 8
+
+
 def test_the_last_stop_is_never_resumed():
     radio = a_radio(robot=3, stop_counter=65_534, stop_resumed=65_534)
     radio.usb_rx(0, STOP)

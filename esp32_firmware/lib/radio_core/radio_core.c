@@ -28,6 +28,8 @@ static void repair(rc_memory *memory) {
         memory->schedule = empty.schedule;
     if (memory->rate_mbps != 6 && memory->rate_mbps != 12 && memory->rate_mbps != 24)
         memory->rate_mbps = empty.rate_mbps;
+    memory->keyed = memory->keyed != 0;
+    memory->provisioned = memory->provisioned != 0;
     if (memory->stop_resumed > memory->stop_counter)
         memory->stop_counter = memory->stop_resumed;
 }
@@ -78,6 +80,8 @@ unsigned rc_dirty(const rc_radio *rc) {
 
 void rc_kept(rc_radio *rc, unsigned parts, bool ok) {
     rc->dirty &= ~parts;
+    if (!ok) /* tried again with the next status; of identity and boot the caller hears below */
+        rc->unkept |= parts & (RC_KEEP_PEERS | RC_KEEP_STOP);
     if (parts & RC_KEEP_BOOT && !rc->provisioning)
         rc->boot_ready = ok || !rc->config.memory.keyed;
     if (parts & RC_KEEP_IDENTITY && rc->provisioning) {
@@ -209,6 +213,8 @@ void rc_tick(rc_radio *rc, uint64_t now_us) {
     follow_rounds(rc, now_us);
     if (now_us >= rc->next_status_us) {
         rc_tell_status(rc, now_us);
+        rc->dirty |= rc->unkept;
+        rc->unkept = 0;
         rc->next_status_us = now_us + RC_STATUS_PERIOD_US - now_us % RC_STATUS_PERIOD_US;
     }
 }

@@ -116,6 +116,7 @@ struct rc_radio {
     uint32_t sequence; /* of the last frame taken for the air */
     uint32_t salt;     /* of this radio's pseudo-random choices */
     unsigned dirty;    /* parts of the memory that have to be stored */
+    unsigned unkept;       /* of these, what could not be stored at the last try */
     bool boot_ready;   /* the boot counter in use is stored */
     bool passive;      /* another radio has our id */
     bool provisioning; /* the host waits for the answer */
