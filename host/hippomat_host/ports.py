@@ -16,6 +16,7 @@ from hippomat_core.messages import RADIO
 from hippomat_host.acceptance import FLAGS
 from hippomat_host.identify import ASK, UNKNOWN
 from hippomat_host.probe import probe
+from hippomat_host.radio_words import conditions
 from hippomat_host.screen import table_console
 from hippomat_host.serial_port import BusyPort, present_ports
 
@@ -63,7 +64,8 @@ def _found(path: str) -> Found:
     except PortError as error:
         return Found(path, "-", str(error).removeprefix(f"{path}: ").removeprefix(f"{path} "), "", names)
     flag = "" if identity.port == UNKNOWN else FLAGS[identity.port]
-    return Found(path, identity.name, identity.text, flag, names)
+    holds = conditions(identity.reply.flags) if identity.reply is not None else []
+    return Found(path, identity.name, "; ".join([identity.text, *holds]), flag, names)
 
 
 def _names(path: str) -> tuple[str, ...]:

@@ -91,6 +91,17 @@ def seal(flags: int) -> str:
     return "sealed: encrypted and authenticated with the fleet's key"
 
 
+def conditions(flags: int) -> list[str]:
+    """What holds at the moment, beside the key."""
+    words = {
+        link.FLAG_AGREED: "fleet time agreed",
+        link.FLAG_STOPPED: "STOP latched: `hippomat-host resume`",
+        link.FLAG_PASSIVE: "silent: another radio sends under its id",
+        link.FLAG_UNSAFE: "cannot store its boot counter: flash it anew",
+    }
+    return [text for flag, text in words.items() if flags & flag]
+
+
 def reset_reason(code: int) -> str:
     return RESET_REASONS[code] if code < len(RESET_REASONS) else f"reason {code}"
 

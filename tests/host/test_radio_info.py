@@ -17,6 +17,7 @@ from hippomat_core.wire.link import (
     FLAG_AGREED,
     FLAG_OPEN,
     FLAG_PASSIVE,
+    FLAG_STOPPED,
     FLAG_UNSAFE,
     PEER_ALIVE,
     PEER_BABBLING,
@@ -133,6 +134,15 @@ def test_every_trouble_is_named_with_the_robots(tmp_path: Path, capsys: Capture)
         "operator alive",
     ):
         assert part in out, (part, ended.out)
+
+
+def test_ports_tells_what_holds_in_a_radio(tmp_path: Path, capsys: Capture) -> None:
+    flags = FLAG_AGREED | FLAG_PASSIVE | FLAG_UNSAFE | FLAG_STOPPED
+    radio = ScriptedRadio(tmp_path / "radio", flags=flags)
+    with plugged(radio):
+        out = " ".join(run(capsys, "ports", radio.link).out.split())
+    for part in ("sealed", "fleet time agreed", "STOP latched", "silent: another radio", "store its boot"):
+        assert part in out
 
 
 def test_garbage_between_the_answers_does_not_matter(tmp_path: Path, capsys: Capture) -> None:
