@@ -15,9 +15,9 @@ import pytest
 from rich.console import Console
 from sim_rooms import box_room
 
-from hippomat_core.errors import WireError
-from hippomat_core.wire.codec import decode_frame
+from hippomat_core.messages import StateHeard
 from hippomat_logs.map_files import save_map
+from hippomat_logs.reader import open_runs
 from hippomat_sim.fleet_run import FleetRun, RunResult
 from hippomat_sim.run_logs import completions, log_files
 from hippomat_sim.run_settings import RunSettings
@@ -92,27 +92,19 @@ def test_the_truth_is_written(finished_run: RunResult) -> None:
         assert truth["contacts"].shape == (0, 3)
 
 
-def test_a_fleet_with_a_key_works_as_well_and_nothing_of_it_can_be_read_on_the_air(
+def test_a_fleet_with_a_key_works_as_well_and_every_frame_of_it_is_authentic(
     room_yaml: Path, tmp_path: Path
 ) -> None:
-    settings = RunSettings(
-        room_yaml, tmp_path / "out", robots=3, tasks=6, seconds=11.0, loss=0.1, seed=2, sealed=True
-    )
-    run = FleetRun(settings, PlainView(Console()))
-    overheard: list[bytes] = []
-    send = run.simulation.medium.send
-    run.simulation.medium.send = lambda now_us, sender, frame: (  # type: ignore[method-assign]
-        overheard.append(frame),
-        send(now_us, sender, frame),
-    )[1]
-    result = run.execute()
+    out = tmp_path / "out"
+    settings = RunSettings(room_yaml, out, robots=3, tasks=6, seconds=11.0, loss=0.1, seed=2, sealed=True)
+    result = FleetRun(settings, PlainView(Console())).execute()
     assert result.troubles == ()
     assert completions(log_files(result.logs))
-    assert len(overheard) > 200
-    for frame in overheard:
-        with pytest.raises(WireError):
-            decode_frame(frame)
-    assert "sealed" in (result.out / "daemon0.out").read_text()
+    (run,) = open_runs([result.logs[0]])
+    heard = [record.message for record in run.records_in_order([StateHeard])]
+    assert len(heard) > 100
+    assert all(event.header.sealed for event in heard)
+    assert "sealed" in (out / "daemon0.out").read_text()
 
 
 def started(room_yaml: Path, out: Path) -> subprocess.Popen[str]:
