@@ -7,50 +7,73 @@ _Static_assert(RC_LINK_MAX_PAYLOAD + 4 < 2 * 254, "RC_LINK_MAX_STUFFED has room 
 
 enum { FULL_BLOCK = 255, CRC_BYTES = 4 };
 
+/* A block that is longer than its code byte can say; a message has room for one at most. */
 typedef struct {
-    uint8_t *code; /* where the open block's code byte goes */
-    uint8_t *full; /* a block that is longer than its code byte can say; a message has room for one at most */
-    size_t full_length;
-} stuffing;
+    uint8_t *code; /* NULL: none */
+    uint8_t *next; /* what follows it: a code byte or the end */
+} long_block;
 
-/* The open block ends before `next`, where the next code byte goes. */
-static inline void close_block(stuffing *s, uint8_t *next) {
-    size_t length = (size_t)(next - s->code);
-    if (length >= FULL_BLOCK) {
-        s->full = s->code;
-        s->full_length = length;
-    }
-    *s->code = (uint8_t)length;
-    s->code = next;
+/* The block from `code` ends before `next`, where the next code byte goes. */
+static inline uint8_t *close_block(uint8_t *code, uint8_t *next, long_block *too_long) {
+    if (next - code >= FULL_BLOCK)
+        *too_long = (long_block){code, next};
+    *code = (uint8_t)(next - code);
+    return next;
 }
 
 /* The highest bit of each of the eight bytes that is 0x00. */
-static inline uint64_t zeros_in(const uint8_t *bytes) {
+static inline uint64_t zeros_in(const uint8_t *eight) {
     const uint64_t low = 0x7f7f7f7f7f7f7f7fu;
-    uint64_t eight = rc_take64(&bytes);
-    return ~(((eight & low) + low) | eight | low);
+    uint64_t bytes = rc_take64(&eight);
+    return ~(((bytes & low) + low) | bytes | low);
+}
+
+static inline unsigned first_of(uint64_t zeros) {
+    return (unsigned)__builtin_ctzll(zeros) >> 3;
+}
+
+/* Code bytes for the 0x00 among eight bytes; the place of the last one, which stays open. */
+static inline uint8_t *close_blocks(uint8_t *code, uint8_t *eight, uint64_t zeros, long_block *too_long) {
+    size_t open = first_of(zeros);
+    close_block(code, eight + open, too_long);
+    if (zeros == 0x8080808080808080u) { /* all of them, as in the STATE of a robot without a claim */
+        memset(eight, 1, 7);
+        return eight + 7;
+    }
+    while ((zeros &= zeros - 1) != 0) {
+        size_t next = first_of(zeros);
+        eight[open] = (uint8_t)(next - open);
+        open = next;
+    }
+    return eight + open;
+}
+
+/* A full block and a new one take the place of a long one. */
+static uint8_t *cut(long_block block, uint8_t *end) {
+    uint8_t *code = block.code + FULL_BLOCK;
+    memmove(code + 1, code, (size_t)(end - code));
+    *block.code = FULL_BLOCK;
+    *code = (uint8_t)(block.next + 1 - code);
+    return end + 1;
 }
 
 /* In place: the n plain bytes are at bytes[1]; bytes[0] and one place behind them are free. The length. Each
  * 0x00 makes way for the code byte of the block behind it. */
 static size_t stuff(uint8_t *bytes, size_t n) {
-    stuffing s = {.code = bytes};
-    uint8_t *at = bytes + 1, *end = at + n;
-    for (; end - at >= 8; at += 8)
-        for (uint64_t zeros = zeros_in(at); zeros != 0; zeros &= zeros - 1)
-            close_block(&s, at + (unsigned)__builtin_ctzll(zeros) / 8);
+    uint8_t *code = bytes, *at = bytes + 1, *end = at + n, *eights_end = at + n / 8 * 8;
+    long_block too_long = {NULL, NULL};
+    for (; at < eights_end; at += 8) {
+        uint64_t zeros = zeros_in(at);
+        if (zeros != 0)
+            code = close_blocks(code, at, zeros, &too_long);
+    }
     for (; at < end; at++)
         if (*at == 0)
-            close_block(&s, at);
-    close_block(&s, end);
+            code = close_block(code, at, &too_long);
+    close_block(code, end, &too_long);
     /* A full last block needs no empty one behind it. */
-    if (s.full != NULL && s.full + FULL_BLOCK != end) {
-        uint8_t *cut = s.full + FULL_BLOCK;
-        memmove(cut + 1, cut, (size_t)(end - cut));
-        end++;
-        *s.full = FULL_BLOCK;
-        *cut = (uint8_t)(s.full_length - FULL_BLOCK + 1);
-    }
+    if (too_long.code != NULL && too_long.code + FULL_BLOCK != end)
+        end = cut(too_long, end);
     return (size_t)(end - bytes);
 }
 

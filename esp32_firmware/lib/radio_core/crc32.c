@@ -40,16 +40,21 @@ static const uint32_t later[8][256] = {
     TABLE(LATER_4), TABLE(LATER_5), TABLE(LATER_6), TABLE(LATER_7),
 };
 
+/* What four bytes become that leave the register `table` bytes early. */
+static inline uint32_t by_four(uint32_t x, unsigned table) {
+    return later[table + 3][x & 255] ^ later[table + 2][(x >> 8) & 255] ^ later[table + 1][(x >> 16) & 255] ^
+           later[table][x >> 24];
+}
+
 uint32_t rc_crc32(const uint8_t *bytes, size_t n) {
     uint32_t crc = 0xffffffffu;
-    const uint8_t *end = bytes + n, *eights_end = bytes + n / 8 * 8;
-    while (bytes < eights_end) {
-        uint64_t eight = rc_take64(&bytes) ^ crc;
-        crc = later[7][eight & 255] ^ later[6][(eight >> 8) & 255] ^ later[5][(eight >> 16) & 255] ^
-              later[4][(eight >> 24) & 255] ^ later[3][(eight >> 32) & 255] ^ later[2][(eight >> 40) & 255] ^
-              later[1][(eight >> 48) & 255] ^ later[0][eight >> 56];
+    for (; n >= 8; n -= 8) {
+        crc ^= rc_take32(&bytes);
+        crc = by_four(crc, 4) ^ by_four(rc_take32(&bytes), 0);
     }
-    while (bytes < end)
+    if (n >= 4)
+        crc = by_four(crc ^ rc_take32(&bytes), 0);
+    for (n %= 4; n > 0; n--)
         crc = (crc >> 8) ^ later[0][(crc ^ *bytes++) & 255];
     return ~crc;
 }
