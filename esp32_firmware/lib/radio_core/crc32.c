@@ -40,7 +40,7 @@ static const uint32_t later[8][256] = {
     TABLE(LATER_4), TABLE(LATER_5), TABLE(LATER_6), TABLE(LATER_7),
 };
 
-/* What four bytes become that leave the register `table` bytes early. */
+/* Of four bytes with `table` more behind them. */
 static inline uint32_t by_four(uint32_t x, unsigned table) {
     return later[table + 3][x & 255] ^ later[table + 2][(x >> 8) & 255] ^ later[table + 1][(x >> 16) & 255] ^
            later[table][x >> 24];
