@@ -95,6 +95,8 @@ class Following:
 
     def _why_not(self, robot: int) -> str:
         shown, now_s = self._watch.robots.get(robot), time.monotonic()
+        if robot in self._watch.doubled:
+            return "two radios send under its id: provision one of them anew"
         if shown is None or now_s - shown.at_s > _SILENT_S:
             silent = "no STATE of it was heard" if shown is None else f"SILENT for {now_s - shown.at_s:.1f} s"
             alive = robot in self._watch.radios_now

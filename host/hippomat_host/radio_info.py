@@ -143,8 +143,8 @@ def _troubles(status: Status) -> list[str]:
 def _peer_table(info: RadioInfo) -> RenderableType:
     if not info.peers:
         return Text("hears nobody since its boot", style="dim")
-    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0))
-    for name in ("peer", "state", "last heard", "RSSI", "loss", "received", "MAC", "boot"):
+    table = Table(box=None, header_style="bold", padding=(0, 1, 0, 0))  # fits 80 columns
+    for name in ("peer", "state", "heard", "RSSI", "loss", "received", "MAC", "boot"):
         justify: Literal["left", "right"] = "left" if name in ("peer", "state", "MAC") else "right"
         table.add_column(name, justify=justify, overflow="fold")
     for peer in info.peers:
@@ -155,7 +155,7 @@ def _peer_table(info: RadioInfo) -> RenderableType:
         cells = (
             state,
             heard,
-            f"{peer.rssi_dbm} dBm",
+            str(peer.rssi_dbm),
             loss,
             str(peer.received),
             peer.mac.hex(":"),

@@ -74,6 +74,11 @@ class StopWatch:
         return robots_of(self.status.alive) if self.status is not None else []
 
     @property
+    def doubled(self) -> list[int]:
+        """Robots under whose id two radios send; their STATE may be either's."""
+        return robots_of(self.status.duplicate) if self.status is not None else []
+
+    @property
     def latched(self) -> bool:
         """Our own radio is."""
         return self.status is not None and latched(self.status)

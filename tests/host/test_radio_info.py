@@ -127,7 +127,7 @@ def test_every_trouble_is_named_with_the_robots(tmp_path: Path, capsys: Capture)
         "two radios send under one id: robot 4",  # 2 is our own
         "sends far too many frames: robot 3",
         "restarted within the last second: robot 63",
-        "robot 0 alive 0.1 s ago -61 dBm 20% 1234 00:01:02:03:04:05 9",
+        "robot 0 alive 0.1 s ago -61 20% 1234 00:01:02:03:04:05 9",
         "robot 3 BABBLING",
         "robot 4 DUPLICATE id 1 min 10 s ago",
         "robot 63 silent 49 d 17 h ago",
