@@ -135,9 +135,7 @@ def test_robots_that_do_not_show_it_are_named_and_the_code_is_2(
         assert ended.code == 2, ended
         assert "robot 0 shows STOP" in ended.out
         assert "robot 1: NOT STOPPED" in ended.out
-        silent = (
-            r"robot 2: (SILENT for \d.\d s|no STATE of it was heard), but its radio is heard"
-        )
+        silent = r"robot 2: (SILENT for \d.\d s|no STATE of it was heard), but its radio is heard"
         assert re.search(silent, ended.out)
         assert "2 of 3 robots heard did not within 2 s: robots 1, 2" in ended.out
         radios.seats[1].obeys = radios.seats[2].sends = True
