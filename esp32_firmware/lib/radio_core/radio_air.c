@@ -79,25 +79,25 @@ static bool belongs(rc_radio *rc, const uint8_t *frame, size_t n, rc_header *hea
     return true;
 }
 
-/* Header and plain body into plain[RC_MAX_FRAME]; 0 for a frame that is forged or malformed, then counted. */
-static size_t opened(rc_radio *rc, const rc_header *header, const uint8_t *mac, const uint8_t *frame,
-                     size_t n, uint8_t *plain) {
+/* Header and plain body, *n bytes, which may lie in buffer[RC_MAX_FRAME]; NULL for a frame that is forged or
+ * malformed, then counted. */
+static const uint8_t *opened(rc_radio *rc, const rc_header *header, const uint8_t *mac, const uint8_t *frame,
+                             size_t *n, uint8_t *buffer) {
     const rc_config *config = &rc->config;
-    size_t length = n;
-    if (header->sealed)
-        length = rc_unseal(&config->cipher, config->memory.key, mac, frame, n, plain);
-    else if (n <= RC_MAX_FRAME - RC_TAG_BYTES)
-        memcpy(plain, frame, n);
-    if (length == 0) {
+    if (header->sealed) {
+        *n = rc_unseal(&config->cipher, config->memory.key, mac, frame, *n, buffer);
+        frame = buffer;
+    }
+    if (*n == 0) {
         rc->counters.dropped_forged++;
-        return 0;
+        return NULL;
     }
-    if (length > RC_MAX_FRAME - RC_TAG_BYTES ||
-        !rc_body_valid(header->kind, plain + RC_HEADER_BYTES, length - RC_HEADER_BYTES)) {
+    if (*n > RC_MAX_FRAME - RC_TAG_BYTES ||
+        !rc_body_valid(header->kind, frame + RC_HEADER_BYTES, *n - RC_HEADER_BYTES)) {
         rc->counters.dropped_malformed++;
-        return 0;
+        return NULL;
     }
-    return length;
+    return frame;
 }
 
 static void learn_from(rc_radio *rc, uint64_t now_us, const rc_header *header, const uint8_t *body,
@@ -144,9 +144,9 @@ void rc_air_rx(rc_radio *rc, uint64_t now_us, int8_t rssi_dbm, const uint8_t *ma
         rc->counters.dropped_replayed++;
         return;
     }
-    uint8_t plain[RC_MAX_FRAME];
-    size_t length = opened(rc, &header, mac, frame, n, plain);
-    if (length == 0)
+    uint8_t buffer[RC_MAX_FRAME];
+    const uint8_t *plain = opened(rc, &header, mac, frame, &n, buffer);
+    if (plain == NULL)
         return;
     if (ours) {
         if (memcmp(mac, rc->config.about.mac, RC_MAC_BYTES) != 0)
@@ -167,7 +167,7 @@ void rc_air_rx(rc_radio *rc, uint64_t now_us, int8_t rssi_dbm, const uint8_t *ma
     *place = peer;
     if (new_boot)
         keep_boot(rc, &header, place);
-    believe(rc, now_us, rssi_dbm, &header, plain, length);
+    believe(rc, now_us, rssi_dbm, &header, plain, n);
 }
 
 /* ---- to the air --------------------------------------------------------------------------------------- */
