@@ -7,6 +7,8 @@
 enum { RELAY_M_AT = 0, RELAY_N_AT = 1, RELAY_HELD_AT = 2 };
 enum { ROW_ROBOT_AT = 0, ROW_AGE_AT = 1 };
 enum { CERTAIN = 255 };
+/* Losses are means over about 32 rounds; that of another's link is looked at in one round of four. */
+enum { OUR_SHIFT = 5, LINK_SHIFT = 3, LINK_PARTS = 4 };
 enum { BLOCK = 16 }; /* robots at a time, for compilers that have vectors; miss is 0 behind n */
 
 _Static_assert(RC_MAX_ROBOTS % BLOCK == 0, "whole blocks");
@@ -34,10 +36,10 @@ static void see(rc_relay_table *table, unsigned i) {
     table->seen_round[i] = table->round;
 }
 
-/* An exponential mean; 15/65536 short of 0 and of 1, which 1/255 does not show. */
-static void sample(uint16_t *loss, bool heard) {
+/* An exponential mean. It comes as close to 0 and to 1 as 1/255 can show. */
+static void sample(uint16_t *loss, bool heard, unsigned shift) {
     unsigned now = *loss;
-    *loss = (uint16_t)(now - (now >> RC_LOSS_SHIFT) + (heard ? 0 : UINT16_MAX >> RC_LOSS_SHIFT));
+    *loss = (uint16_t)(now - (now >> shift) + (heard ? 0 : UINT16_MAX >> shift));
 }
 
 static uint8_t in_255(uint16_t loss) {
@@ -103,7 +105,7 @@ void rc_relay_init(rc_relay_table *table, uint8_t self) {
 static void end_round(rc_relay_table *table) {
     for (unsigned k = 0; k < RC_MAX_ROBOTS; k++)
         if (k != table->self && is_live(table, k))
-            sample(&table->loss_to_us[k], has(table->direct, k));
+            sample(&table->loss_to_us[k], has(table->direct, k), OUR_SHIFT);
 }
 
 void rc_relay_begin(rc_relay_table *table, uint32_t round) {
@@ -153,14 +155,13 @@ static void learn_rows(rc_relay_table *table, unsigned i, uint64_t bits, unsigne
         table->miss[k][i] = bits & 1 ? 0 : CERTAIN;
 }
 
-/* A bit that is not set says something of the link only where the row is known to have been sent. */
+/* A bit that is not set says something of the link only where the row is known to have been sent. A part of
+ * the links each time, as that is the dearest part of hearing a STATE. */
 static void learn_links(rc_relay_table *table, unsigned sender, uint64_t heard) {
     uint64_t sent = (table->held & below(sender)) | (table->held_before & ~below(sender));
-    sent &= ~bit(sender);
-    const unsigned n = table->n;
-    for (unsigned k = 0; k < n; k++, heard >>= 1, sent >>= 1)
-        if (sent & 1)
-            sample(&table->loss[k][sender], heard & 1);
+    for (unsigned k = table->round % LINK_PARTS; k < table->n; k += LINK_PARTS)
+        if (k != sender && has(sent, k))
+            sample(&table->loss[k][sender], has(heard, k), LINK_SHIFT);
 }
 
 /* This row goes out late, behind bitmaps that could not show it: nobody lacks it more than the link loses. */

@@ -16,7 +16,6 @@
 enum {
     RC_NEED_MIN = 5,    /* 0.02 in 1/255: where the column of miss sums to less, nobody needs the row */
     RC_LOSS_START = 77, /* 0.3 in 1/255: an unknown link */
-    RC_LOSS_SHIFT = 4,  /* a frame weighs 1/16 in the loss of its link */
     RC_LIVE_ROUNDS = 30 /* a robot whose STATE was not heard for so long needs nothing */
 };
 
