@@ -165,10 +165,16 @@ def _check_together(config: Config, name: str) -> None:
             f"{name}: [robot] id = {robot.id} is not in a fleet of size {fleet.size} "
             f"(ids 0..{fleet.size - 1}); raise [fleet] size or choose another id"
         )
+    if not math.isclose(fleet.round_s * 1000, round(fleet.round_s * 1000), abs_tol=1e-6):
+        raise ConfigError(
+            f"{name}: [fleet] round_s = {fleet.round_s} is no whole number of milliseconds, in which radios "
+            f"count: set round_s = {round(fleet.round_s, 3)}"
+        )
     if fleet.size > ROBOTS_PER_SECOND_OF_ROUND * fleet.round_s + 1e-9:
+        least_ms = math.ceil(fleet.size * 1000 / ROBOTS_PER_SECOND_OF_ROUND)
         raise ConfigError(
             f"{name}: [fleet] size = {fleet.size} does not fit on the air in rounds of {fleet.round_s} s: "
-            f"set round_s = {fleet.size / ROBOTS_PER_SECOND_OF_ROUND:.4f} or more"
+            f"set round_s = {least_ms / 1000} or more"
         )
     body_m = robot.radius_m + config.guard.margin_m
     if planning.inflation_radius < body_m:

@@ -34,7 +34,11 @@ def test_a_configuration_survives_the_way_through_the_manifest():
         ("[fleet]\nsize = 3\n[robot]\nid = 3", r"id = 3 is not in a fleet of size 3 \(ids 0\.\.2\)"),
         (
             "[fleet]\nsize = 33",
-            r"size = 33 does not fit on the air in rounds of 0\.1 s: set round_s = 0\.1031",
+            r"size = 33 does not fit on the air in rounds of 0\.1 s: set round_s = 0\.104",
+        ),
+        (
+            "[fleet]\nround_s = 0.0594",
+            r"round_s = 0\.0594 is no whole number of milliseconds.* set round_s = 0\.059",
         ),
         ("[robot]\nradius_m = 0.2", r"inflation_radius = 0\.17 is less than .* = 0\.230"),
         ("[fleet\nsize", "not valid TOML"),
