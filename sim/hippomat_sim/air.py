@@ -50,6 +50,7 @@ class AirSettings:
     jitter_us: int = 40  # uniform, on top
     late: float = 0.0  # probability that one receiver gets one frame late
     late_us: int = 5000  # by up to this, uniform
+    shadowing_db: float = 2.0  # standard deviation of the signal strength around its mean
     capture_db: float = math.inf  # a frame so much stronger than all that overlap it is received
     rate_mbps: int = 6
     link_loss: Mapping[tuple[int, int], float] = field(default_factory=dict)  # (sender, receiver)

@@ -74,11 +74,14 @@ class Carrier:
 
     def next_us(self) -> int | None:
         """When step() has work again; None: nobody wants anything."""
-        times = [contender.start_us for contender in self._contenders]
-        times += [transmission.end_us for transmission in self._on_air]
-        if self._asks:
-            times.append(self._asks[0][0])
-        return min(times, default=None)
+        earliest_us = self._asks[0][0] if self._asks else None
+        for contender in self._contenders:
+            if earliest_us is None or contender.start_us < earliest_us:
+                earliest_us = contender.start_us
+        for transmission in self._on_air:
+            if earliest_us is None or transmission.end_us < earliest_us:
+                earliest_us = transmission.end_us
+        return earliest_us
 
     def step(self, now_us: int) -> Transmission | None:
         """Do the one thing that is next, at now_us = next_us(); a transmission if it ended one."""

@@ -25,7 +25,7 @@ from hippomat_sim.air import (
     hidden_pairs,
 )
 from hippomat_sim.carrier import Carrier, Transmission
-from hippomat_sim.losses import Draws, Losses
+from hippomat_sim.losses import Fates, Losses
 
 __all__ = [
     "AirSettings",
@@ -39,9 +39,8 @@ __all__ = [
     "hidden_pairs",
 ]
 
-_REFERENCE_DBM, _PATH_EXPONENT, _SHADOWING_DB = -40.0, 2.2, 2.0
+_REFERENCE_DBM, _PATH_EXPONENT = -40.0, 2.2
 _WEAKEST_DBM, _STRONGEST_DBM = -100, -10
-_BLOCK = 256
 
 
 class Medium:
@@ -54,12 +53,9 @@ class Medium:
     def __init__(self, stations: int, settings: AirSettings, seed: int) -> None:
         self._settings = settings
         self._driver_random = random.Random(f"driver {seed}")
-        losses, fates, noise = np.random.SeedSequence(seed).spawn(3)
+        losses, fates = np.random.SeedSequence(seed).spawn(2)
         self._losses = Losses(stations, settings, np.random.default_rng(losses))
-        self._fates = Draws(np.random.default_rng(fates), 4 * stations)
-        self._noise_rng = np.random.default_rng(noise)
-        self._noise_db: NDArray[np.float64] = np.zeros((0, stations))
-        self._noise_used = 0
+        self._fates = Fates(stations, settings, np.random.default_rng(fates))
         self._in_range = ~np.eye(stations, dtype=bool)
         for a, b in settings.hidden:
             self._in_range[a, b] = self._in_range[b, a] = False
@@ -136,36 +132,24 @@ class Medium:
 
     def rssi_dbm(self, sender: int, receiver: int) -> int:
         """Signal strength of one frame: log-distance path loss and a random part."""
-        return int(self._rssi_dbm(sender)[receiver])
-
-    def _rssi_dbm(self, sender: int) -> NDArray[np.int8]:
-        if self._noise_used == len(self._noise_db):
-            stations = len(self._mean_dbm)
-            self._noise_db = self._noise_rng.normal(0.0, _SHADOWING_DB, (_BLOCK, stations))
-            self._noise_used = 0
-        dbm = np.rint(self._mean_dbm[sender] + self._noise_db[self._noise_used])
-        self._noise_used += 1
-        strength: NDArray[np.int8] = np.minimum(np.maximum(dbm, _WEAKEST_DBM), _STRONGEST_DBM).astype(np.int8)
-        return strength
+        _, _, noise_db = self._fates.draw()
+        return int(_as_rssi(self._mean_dbm[sender] + noise_db)[receiver])
 
     def _ended(self, transmission: Transmission) -> Ended:
         """Decides who receives it."""
-        sender, at_us, air = transmission.sender, transmission.end_us, self._settings
+        sender, at_us = transmission.sender, transmission.end_us
         self._sent[sender] += 1
         self._air_us[sender] += at_us - transmission.start_us
         received = self._reaches(transmission)
-        late, late_by, twice, jitter = self._fates.row().reshape(4, -1)
-        arrivals_us = at_us + air.latency_us + (jitter * (air.jitter_us + 1)).astype(np.int64)
-        if air.late:
-            arrivals_us += np.where(late < air.late, late_by * air.late_us, 0.0).astype(np.int64)
-        receivers = np.flatnonzero(received)
-        again = receivers[twice[receivers] < air.duplicate]
+        delays_us, twice, noise_db = self._fates.draw()
+        (receivers,) = received.nonzero()
+        (again,) = (received & twice).nonzero()
         if len(again):
             self._tally[2, again] += 1
             receivers = np.concatenate((receivers, again))
-        rssi_dbm = self._rssi_dbm(sender)
-        frame = transmission.frame
-        return Ended(at_us, sender, frame, receivers, arrivals_us[receivers], rssi_dbm[receivers])
+        arrivals_us = at_us + delays_us[receivers]
+        rssi_dbm = _as_rssi((self._mean_dbm[sender] + noise_db)[receivers])
+        return Ended(at_us, sender, transmission.frame, receivers, arrivals_us, rssi_dbm)
 
     def _reaches(self, transmission: Transmission) -> NDArray[np.bool_]:
         """(S,) who receives it; counts why the others do not."""
@@ -205,3 +189,10 @@ class Medium:
     def _add(self, happening: Happening) -> None:
         self._created += 1
         heapq.heappush(self._ahead, (happening.at_us, self._created, happening))
+
+
+def _as_rssi(dbm: NDArray[np.float64]) -> NDArray[np.int8]:
+    rssi: NDArray[np.int8] = np.minimum(np.maximum(np.rint(dbm), _WEAKEST_DBM), _STRONGEST_DBM).astype(
+        np.int8
+    )
+    return rssi

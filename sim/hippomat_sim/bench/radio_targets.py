@@ -46,8 +46,9 @@ def _delivery(settings: RadioSettings, ours: OurFigures) -> Iterator[Target]:
 
 
 def _snapshots(settings: RadioSettings, ours: OurFigures) -> Iterator[Target]:
-    """Independent losses, nobody hidden."""
-    if settings.hidden == 0 and settings.bursts == "none" and settings.loss <= 0.5:
+    """Independent losses, nobody hidden, enough robots to relay, and rows of which five fit into a RELAY."""
+    fleet = 10 <= settings.nodes <= 32 and settings.tasks <= 30
+    if fleet and settings.hidden == 0 and settings.bursts == "none" and settings.loss <= 0.5:
         least = 99.9 if settings.loss <= 0.3 else 99.0
         yield Target("complete snapshots", 100 * ours.complete, least, True, "%")
 
@@ -57,6 +58,6 @@ def _always(settings: RadioSettings, ours: OurFigures) -> Iterator[Target]:
     yield Target("fleet time, widest difference", ours.agreement_us[2], MAX_AGREEMENT_US, False, "us")
     yield Target("steps back of fleet time", ours.steps_back, 0, False, "")
     yield Target("rows that are not what was sent", ours.wrong_rows, 0, False, "")
-    if ours.stop_ms and settings.loss <= 0.3:
+    if ours.stop_ms and settings.loss <= 0.3 and settings.bursts == "none":
         slowest = math.nan if any(map(math.isnan, ours.stop_ms)) else max(ours.stop_ms)
         yield Target("STOP reaches everyone", slowest, MAX_STOP_MS, False, "ms")

@@ -110,7 +110,7 @@ class RadioFleet:
                 lib.fd_advance(fleet, min(radio_us + STRETCH_US, air_us, until_us))
                 self._take_sends()
                 self._take_rounds()
-            elif (ended := medium.pop_ended(air_us)) is not None:
+            elif (ended := medium.pop_ended(min(radio_us - 1, until_us))) is not None:
                 self._ended(ended)
         self.now_us = until_us
         if fleet.overruns:
