@@ -169,7 +169,8 @@ def test_nothing_is_read_or_written_out_of_bounds(tmp_path):
         "HIPPOMAT_EXAMPLES": "50",
     }
     names = ("test_differential.py", "test_wire_golden.py", "test_radio_core.py", "test_stop.py")
-    files = [HERE / name for name in (*names, "test_seal.py", "test_security.py")]
+    relay = ("test_relay_table.py", "test_relay_laws.py")
+    files = [HERE / name for name in (*names, *relay, "test_seal.py", "test_security.py")]
     result = run(
         sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files, env=env, cwd=HERE.parent
     )

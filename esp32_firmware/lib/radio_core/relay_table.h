@@ -4,9 +4,9 @@
  * miss[k][i]: probability that robot i lacks row k of this round, in 1/255. It starts at the loss of the link
  * k -> i as the bitmaps of i show it, becomes 0 or 1 by a bitmap of i, and is multiplied by the loss of the
  * link s -> i when s passes row k on. Passed on are the rows with the largest sum of squares over i: who
- * surely lacks a row counts more than several who may (squares rather than sums halve the incomplete robots
- * at 50 % loss). Only robots heard of late whose last STATE had our fleet digest, N and M have rows, lack
- * rows, or pass rows on to us. Knows no clock and no slot: rounds are numbers. */
+ * surely lacks a row counts more than several who may (at 50 % loss that leaves a quarter fewer robots
+ * incomplete than plain sums). Only robots heard of late whose last STATE had our fleet digest, N and M have
+ * rows, lack rows, or pass rows on to us. Knows no clock and no slot: rounds are numbers. */
 #ifndef RC_RELAY_TABLE_H
 #define RC_RELAY_TABLE_H
 
