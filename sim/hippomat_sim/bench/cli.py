@@ -19,11 +19,10 @@ examples:
   hippomat-bench radio --loss 0.3 --json
   hippomat-bench radio --faults --seconds 3600 --no-plain --plot agreement.png
 """
-_RADIO = (
-    "Simulates the firmware's own radio cores on a medium with carrier sense, hidden stations and "
-    "collisions, each with a minimal host and a clock of its own; beside it the same traffic with random "
-    "jitter and unsynchronised periodic sending."
-)
+_RADIO = """\
+Simulates the firmware's own radio cores on a medium with carrier sense, hidden stations and
+collisions, each with a minimal host and a clock of its own; beside it the same traffic with random
+jitter and unsynchronised periodic sending."""
 
 
 class _Parser(argparse.ArgumentParser):
