@@ -132,7 +132,20 @@ def test_both_judge_every_changed_byte_of_a_small_state_alike(index, keep, value
     assert plain(c_decode(bytes(data))) == expected
 
 
-@given(st.one_of(st.binary(max_size=262), st.lists(st.sampled_from([0, 1, 255]), max_size=262).map(bytes)))
+def with_zeros_at(length: int, places: list[int]) -> bytes:
+    return bytes(0 if i in places else 1 + i % 255 for i in range(length))
+
+
+payloads = st.one_of(
+    st.binary(max_size=262),
+    st.lists(st.sampled_from([0, 1, 255]), max_size=262).map(bytes),
+    # rows of about 254 bytes that are not 0x00, the most that a block of COBS holds
+    st.builds(with_zeros_at, st.integers(245, 260), st.lists(st.integers(0, 260), max_size=2)),
+    st.builds(with_zeros_at, st.integers(245, 260), st.lists(st.integers(0, 12), max_size=2)),
+)
+
+
+@given(payloads)
 @thorough
 def test_both_frame_a_payload_alike(payload):
     out = ffi.new("uint8_t[]", lib.RC_LINK_MAX_ENCODED)

@@ -31,8 +31,16 @@ static inline uint8_t *rc_put_i16(uint8_t *at, int16_t value) {
     return rc_put16(at, (uint16_t)value);
 }
 
+static inline uint8_t *rc_put24(uint8_t *at, uint32_t value) {
+    return rc_put8(rc_put16(at, (uint16_t)value), (uint8_t)(value >> 16));
+}
+
 static inline uint8_t *rc_put32(uint8_t *at, uint32_t value) {
     return rc_put16(rc_put16(at, (uint16_t)value), (uint16_t)(value >> 16));
+}
+
+static inline uint8_t *rc_put48(uint8_t *at, uint64_t value) {
+    return rc_put16(rc_put32(at, (uint32_t)value), (uint16_t)(value >> 32));
 }
 
 static inline uint8_t *rc_put64(uint8_t *at, uint64_t value) {
@@ -78,14 +86,31 @@ static inline int16_t rc_take_i16(const uint8_t **at) {
     return (int16_t)(raw < 0x8000 ? raw : raw - 0x10000);
 }
 
+static inline uint32_t rc_take24(const uint8_t **at) {
+    uint32_t low = rc_take16(at);
+    return low | (uint32_t)rc_take8(at) << 16;
+}
+
 static inline uint32_t rc_take32(const uint8_t **at) {
     uint32_t low = rc_take16(at);
     return low | (uint32_t)rc_take16(at) << 16;
 }
 
+static inline uint64_t rc_take48(const uint8_t **at) {
+    uint64_t low = rc_take32(at);
+    return low | (uint64_t)rc_take16(at) << 32;
+}
+
 static inline uint64_t rc_take64(const uint8_t **at) {
     uint64_t low = rc_take32(at);
     return low | (uint64_t)rc_take32(at) << 32;
+}
+
+/* A bitmap of 1 .. 64 bits. Eight bytes are read, whatever they are. */
+static inline uint64_t rc_take_bits(const uint8_t **at, unsigned bits) {
+    const uint8_t *from = *at;
+    *at += (bits + 7) / 8;
+    return rc_take64(&from) & UINT64_MAX >> (64 - bits);
 }
 
 static inline void rc_take_bytes(const uint8_t **at, uint8_t *bytes, size_t n) {

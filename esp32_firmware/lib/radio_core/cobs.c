@@ -3,88 +3,92 @@
 #include "bytes.h"
 #include "crc32.h"
 
-_Static_assert(RC_LINK_MAX_PAYLOAD + 4 < 2 * 254, "RC_LINK_MAX_STUFFED has room for two code bytes");
+enum { FULL_BLOCK = 255, CRC_BYTES = 4, MOST_BYTES = RC_LINK_MAX_PAYLOAD + CRC_BYTES };
+/* So many bytes without 0x00 fill a block. Wherever they begin in a message, those from MIDDLE_AT to
+ * MIDDLE_END are among them. */
+enum { FULL_ROW = FULL_BLOCK - 1, MIDDLE_AT = MOST_BYTES - FULL_ROW, MIDDLE_END = FULL_ROW };
 
-enum { FULL_BLOCK = 255, CRC_BYTES = 4 };
+_Static_assert(MOST_BYTES < 2 * FULL_ROW, "RC_LINK_MAX_STUFFED has room for two code bytes");
 
-/* A block that is longer than its code byte can say; a message has room for one at most. */
-typedef struct {
-    uint8_t *code; /* NULL: none */
-    uint8_t *next; /* what follows it: a code byte or the end */
-} long_block;
-
-/* The block from `code` ends before `next`, where the next code byte goes. */
-static inline uint8_t *close_block(uint8_t *code, uint8_t *next, long_block *too_long) {
-    if (next - code >= FULL_BLOCK)
-        *too_long = (long_block){code, next};
-    *code = (uint8_t)(next - code);
-    return next;
-}
-
-/* The highest bit of each of the eight bytes that is 0x00. */
-static inline uint64_t zeros_in(const uint8_t *eight) {
-    const uint64_t low = 0x7f7f7f7f7f7f7f7fu;
+/* Exact: a borrow begins in a 0x00 only. */
+static inline bool has_zero(const uint8_t *eight) {
+    const uint64_t ones = 0x0101010101010101u;
     uint64_t bytes = rc_take64(&eight);
-    return ~(((bytes & low) + low) | bytes | low);
+    return ((bytes - ones) & ~bytes & ones << 7) != 0;
 }
 
-static inline unsigned first_of(uint64_t zeros) {
-    return (unsigned)__builtin_ctzll(zeros) >> 3;
+/* Quick: the first 0x00 of the middle decides. */
+static bool may_fill_a_block(const uint8_t *plain, size_t n) {
+    if (n < FULL_ROW)
+        return false;
+    for (size_t at = MIDDLE_AT; at + 8 <= MIDDLE_END; at += 8)
+        if (has_zero(plain + at))
+            return false;
+    return true;
 }
 
-/* Code bytes for the 0x00 among eight bytes; the place of the last one, which stays open. */
-static inline uint8_t *close_blocks(uint8_t *code, uint8_t *eight, uint64_t zeros, long_block *too_long) {
-    size_t open = first_of(zeros);
-    close_block(code, eight + open, too_long);
-    if (zeros == 0x8080808080808080u) { /* all of them, as in the STATE of a robot without a claim */
-        memset(eight, 1, 7);
-        return eight + 7;
+/* Behind a full block that is not the last a 0x00 is put in, which becomes the code byte of the next one. The
+ * new length. */
+static size_t part_full_block(uint8_t *plain, size_t n) {
+    size_t row = 0;
+    for (size_t i = 0; i < n; i++) {
+        if (row == FULL_ROW) {
+            memmove(plain + i + 1, plain + i, n - i);
+            plain[i] = 0;
+            return n + 1;
+        }
+        row = plain[i] == 0 ? 0 : row + 1;
     }
-    while ((zeros &= zeros - 1) != 0) {
-        size_t next = first_of(zeros);
-        eight[open] = (uint8_t)(next - open);
-        open = next;
-    }
-    return eight + open;
+    return n;
 }
 
-/* A full block and a new one take the place of a long one. */
-static uint8_t *cut(long_block block, uint8_t *end) {
-    uint8_t *code = block.code + FULL_BLOCK;
-    memmove(code + 1, code, (size_t)(end - code));
-    *block.code = FULL_BLOCK;
-    *code = (uint8_t)(block.next + 1 - code);
-    return end + 1;
+/* A 0x00 ends the block from `code` and makes way for the code byte of the next. The block that is open then.
+ */
+static inline uint8_t *close_at(uint8_t *code, uint8_t *at) {
+    if (*at != 0)
+        return code;
+    *code = (uint8_t)(at - code);
+    return at;
 }
 
-/* In place: the n plain bytes are at bytes[1]; bytes[0] and one place behind them are free. The length. Each
- * 0x00 makes way for the code byte of the block behind it. */
-static size_t stuff(uint8_t *bytes, size_t n) {
-    uint8_t *code = bytes, *at = bytes + 1, *end = at + n, *eights_end = at + n / 8 * 8;
-    long_block too_long = {NULL, NULL};
-    for (; at < eights_end; at += 8) {
-        uint64_t zeros = zeros_in(at);
-        if (zeros != 0)
-            code = close_blocks(code, at, zeros, &too_long);
-    }
-    for (; at < end; at++)
-        if (*at == 0)
-            code = close_block(code, at, &too_long);
-    close_block(code, end, &too_long);
-    /* A full last block needs no empty one behind it. */
-    if (too_long.code != NULL && too_long.code + FULL_BLOCK != end)
-        end = cut(too_long, end);
-    return (size_t)(end - bytes);
+/* Written out: this is the dearest part of a message. */
+static inline uint8_t *close_in_eight(uint8_t *code, uint8_t *at) {
+    code = close_at(code, at);
+    code = close_at(code, at + 1);
+    code = close_at(code, at + 2);
+    code = close_at(code, at + 3);
+    code = close_at(code, at + 4);
+    code = close_at(code, at + 5);
+    code = close_at(code, at + 6);
+    return close_at(code, at + 7);
+}
+
+/* In place: the n plain bytes are at frame[1]; frame[0] and two places behind them are free. */
+static size_t stuff(uint8_t *frame, size_t n) {
+    if (may_fill_a_block(frame + 1, n))
+        n = part_full_block(frame + 1, n);
+    uint8_t *code = frame, *at = frame + 1, *end = at + n, *eights_end = at + n / 8 * 8;
+    for (; at < eights_end; at += 8)
+        if (has_zero(at))
+            code = close_in_eight(code, at);
+    *end = 0; /* of the frame; it closes the last block as others do */
+    for (; at <= end; at++)
+        code = close_at(code, at);
+    return n + 2;
+}
+
+size_t rc_cobs_close(uint8_t *frame, size_t n) {
+    if (n > RC_LINK_MAX_PAYLOAD)
+        return 0;
+    rc_put32(frame + 1 + n, rc_crc32(frame + 1, n));
+    return stuff(frame, n + CRC_BYTES);
 }
 
 size_t rc_cobs_encode(const uint8_t *payload, size_t n, uint8_t *out) {
     if (n > RC_LINK_MAX_PAYLOAD)
         return 0;
     memcpy(out + 1, payload, n);
-    rc_put32(out + 1 + n, rc_crc32(payload, n));
-    size_t length = stuff(out, n + CRC_BYTES);
-    out[length] = 0;
-    return length + 1;
+    return rc_cobs_close(out, n);
 }
 
 /* In place; the length, or -1 for bytes that stuff() does not write. Never meets 0x00: it ends the frame. */

@@ -27,6 +27,9 @@ typedef struct {
 /* Writes the frame, 0x00 included, to out[RC_LINK_MAX_ENCODED]; its length, 0 if the payload is too long. */
 size_t rc_cobs_encode(const uint8_t *payload, size_t n, uint8_t *out);
 
+/* The same in place: the payload is at frame[1], frame holds RC_LINK_MAX_ENCODED bytes. */
+size_t rc_cobs_close(uint8_t *frame, size_t n);
+
 /* Takes one byte of a zeroed decoder's stream. Returns the length of the payload that this byte completed,
  * then at decoder->buffer until the next call; -1 for none. */
 int rc_cobs_push(rc_cobs_decoder *decoder, uint8_t byte);

@@ -40,21 +40,19 @@ static const uint32_t later[8][256] = {
     TABLE(LATER_4), TABLE(LATER_5), TABLE(LATER_6), TABLE(LATER_7),
 };
 
-/* Of four bytes with `table` more behind them. */
-static inline uint32_t by_four(uint32_t x, unsigned table) {
-    return later[table + 3][x & 255] ^ later[table + 2][(x >> 8) & 255] ^ later[table + 1][(x >> 16) & 255] ^
-           later[table][x >> 24];
+/* Four of the bytes meet the register, the others have tables of their own. */
+static inline uint32_t with_eight(uint32_t crc, const uint8_t *eight) {
+    crc ^= rc_take32(&eight);
+    return later[7][crc & 255] ^ later[6][(crc >> 8) & 255] ^ later[5][(crc >> 16) & 255] ^
+           later[4][crc >> 24] ^ later[3][eight[0]] ^ later[2][eight[1]] ^ later[1][eight[2]] ^
+           later[0][eight[3]];
 }
 
 uint32_t rc_crc32(const uint8_t *bytes, size_t n) {
     uint32_t crc = 0xffffffffu;
-    for (; n >= 8; n -= 8) {
-        crc ^= rc_take32(&bytes);
-        crc = by_four(crc, 4) ^ by_four(rc_take32(&bytes), 0);
-    }
-    if (n >= 4)
-        crc = by_four(crc ^ rc_take32(&bytes), 0);
-    for (n %= 4; n > 0; n--)
+    for (; n >= 16; n -= 16, bytes += 16)
+        crc = with_eight(with_eight(crc, bytes), bytes + 8);
+    for (; n > 0; n--)
         crc = (crc >> 8) ^ later[0][(crc ^ *bytes++) & 255];
     return ~crc;
 }

@@ -24,8 +24,8 @@ size_t rc_header_encode(const rc_header *header, uint8_t *out) {
     at = rc_put8(at, header->fleet);
     at = rc_put8(at, header->sender);
     at = rc_put32(at, header->boot);
-    at = rc_put(at, header->sequence, 3);
-    at = rc_put(at, header->fleet_time_us, 6);
+    at = rc_put24(at, header->sequence);
+    at = rc_put48(at, header->fleet_time_us);
     return (size_t)(at - out);
 }
 
@@ -39,8 +39,8 @@ bool rc_header_decode(const uint8_t *frame, size_t n, rc_header *header) {
     header->fleet = rc_take8(&at);
     header->sender = rc_take8(&at);
     header->boot = rc_take32(&at);
-    header->sequence = (uint32_t)rc_take(&at, 3);
-    header->fleet_time_us = rc_take(&at, 6);
+    header->sequence = rc_take24(&at);
+    header->fleet_time_us = rc_take48(&at);
     return header_valid(header);
 }
 

@@ -124,9 +124,9 @@ static void believe(rc_radio *rc, uint64_t now_us, int8_t rssi_dbm, const rc_hea
     if (header->sender <
         RC_MAX_ROBOTS) /* an operator's radio comes and goes: the fleet's time is the robots' */
         rc_fleet_time_heard(&rc->time, now_us, header->fleet_time_us, way_us + RC_FRAME_DELAY_US);
-    uint8_t payload[RC_LINK_MAX_PAYLOAD];
+    uint8_t frame[RC_LINK_MAX_ENCODED];
     uint64_t fleet_us = rc_fleet_time_at(&rc->time, now_us);
-    rc_tell_host(rc, payload, rc_heard_encode(now_us, fleet_us, rssi_dbm, plain, n, payload));
+    rc_tell_host(rc, frame, rc_heard_encode(now_us, fleet_us, rssi_dbm, plain, n, frame + 1));
     learn_from(rc, now_us, header, plain + RC_HEADER_BYTES, n - RC_HEADER_BYTES);
 }
 
@@ -294,6 +294,6 @@ void rc_air_done(rc_radio *rc, uint64_t now_us, bool ok) {
         rc->counters.sent++;
     else
         rc->counters.send_failed++;
-    uint8_t payload[RC_LINK_MAX_PAYLOAD];
-    rc_tell_host(rc, payload, rc_sent_encode(now_us, rc->flight.kind, rc->flight.sequence, ok, payload));
+    uint8_t frame[RC_LINK_MAX_ENCODED];
+    rc_tell_host(rc, frame, rc_sent_encode(now_us, rc->flight.kind, rc->flight.sequence, ok, frame + 1));
 }

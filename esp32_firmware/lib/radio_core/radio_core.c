@@ -85,8 +85,8 @@ void rc_kept(rc_radio *rc, unsigned parts, bool ok) {
     if (parts & RC_KEEP_BOOT && !rc->provisioning)
         rc->boot_ready = ok || !rc->config.memory.keyed;
     if (parts & RC_KEEP_IDENTITY && rc->provisioning) {
-        uint8_t payload[RC_LINK_MAX_PAYLOAD];
-        rc_tell_host(rc, payload, rc_provisioned_encode(ok, rc->config.memory.boot_counter, payload));
+        uint8_t frame[RC_LINK_MAX_ENCODED];
+        rc_tell_host(rc, frame, rc_provisioned_encode(ok, rc->config.memory.boot_counter, frame + 1));
         rc->provisioning = false;
         rc->restart = true;
     }
@@ -170,11 +170,11 @@ void rc_lost(rc_radio *rc, uint32_t messages) {
 
 void rc_tell_status(rc_radio *rc, uint64_t now_us) {
     const rc_memory *memory = &rc->config.memory;
-    uint8_t payload[RC_LINK_MAX_PAYLOAD];
+    uint8_t frame[RC_LINK_MAX_ENCODED];
     rc_condition condition = rc_condition_of(rc, now_us);
     size_t n = rc_status_encode(&rc->config.about, memory->boot_counter, &memory->identity, &memory->schedule,
-                                memory->rate_mbps, &condition, &rc->counters, payload);
-    rc_tell_host(rc, payload, n);
+                                memory->rate_mbps, &condition, &rc->counters, frame + 1);
+    rc_tell_host(rc, frame, n);
     for (size_t i = 0; i < RC_MAX_ROBOTS; i++)
         rc->peers[i].rebooted = false;
 }
@@ -182,11 +182,11 @@ void rc_tell_status(rc_radio *rc, uint64_t now_us) {
 /* ---- time --------------------------------------------------------------------------------------------- */
 
 static void tell_round(rc_radio *rc, uint64_t now_us) {
-    uint8_t payload[RC_LINK_MAX_PAYLOAD];
+    uint8_t frame[RC_LINK_MAX_ENCODED];
     uint64_t fleet_us = rc_fleet_time_at(&rc->time, now_us);
     size_t n = rc_round_encode(rc->round, fleet_us, now_us, rc->relay.held, rc_fleet_time_agreed(&rc->time),
-                               payload);
-    rc_tell_host(rc, payload, n);
+                               frame + 1);
+    rc_tell_host(rc, frame, n);
     rc->round_told = true;
 }
 

@@ -3,10 +3,8 @@
 
 #include "radio_parts.h"
 
-void rc_tell_host(rc_radio *rc, const uint8_t *payload, size_t n) {
-    uint8_t framed[RC_LINK_MAX_ENCODED];
-    size_t length = rc_cobs_encode(payload, n, framed);
-    if (!rc_ring_put(&rc->to_host, framed, length))
+void rc_tell_host(rc_radio *rc, uint8_t *frame, size_t n) {
+    if (!rc_ring_put(&rc->to_host, frame, rc_cobs_close(frame, n)))
         rc->counters.dropped_usb++;
 }
 
@@ -16,10 +14,10 @@ size_t rc_usb_tx(rc_radio *rc, uint8_t *out, size_t cap) {
 
 static void answer_hello(rc_radio *rc, uint64_t now_us) {
     const rc_memory *memory = &rc->config.memory;
-    uint8_t payload[RC_LINK_MAX_PAYLOAD];
+    uint8_t frame[RC_LINK_MAX_ENCODED];
     size_t n = rc_reply_encode(&rc->config.about, memory->boot_counter, &memory->identity, &memory->schedule,
-                               memory->rate_mbps, rc_condition_of(rc, now_us).flags, payload);
-    rc_tell_host(rc, payload, n);
+                               memory->rate_mbps, rc_condition_of(rc, now_us).flags, frame + 1);
+    rc_tell_host(rc, frame, n);
 }
 
 /* A radio that nobody provisioned takes fleet and channel from whoever asks, and the robot id if one is
@@ -109,8 +107,8 @@ static void report_peer(rc_radio *rc, uint64_t now_us, uint8_t robot, const rc_p
         .flags = (uint8_t)(rc_peer_alive(peer, now_us) | peer->babbling << 1 | peer->duplicate << 2),
     };
     memcpy(report.mac, peer->mac, RC_MAC_BYTES);
-    uint8_t payload[RC_LINK_MAX_PAYLOAD];
-    rc_tell_host(rc, payload, rc_peer_encode(&report, payload));
+    uint8_t frame[RC_LINK_MAX_ENCODED];
+    rc_tell_host(rc, frame, rc_peer_encode(&report, frame + 1));
 }
 
 static void report_peers(rc_radio *rc, uint64_t now_us) {

@@ -4,8 +4,9 @@
 
 #include "radio_core.h"
 
-/* A message for the host; counted as lost when the ring is full. */
-void rc_tell_host(rc_radio *rc, const uint8_t *payload, size_t n);
+/* A message for the host; counted as lost when the ring is full. frame: holds RC_LINK_MAX_ENCODED bytes, the
+ * n of the payload from frame[1] on; it is written over. */
+void rc_tell_host(rc_radio *rc, uint8_t *frame, size_t n);
 void rc_tell_status(rc_radio *rc, uint64_t now_us);
 
 /* The latch has changed, perhaps: it must be stored, and the host must know. */

@@ -31,7 +31,7 @@ uint8_t rc_state_m(const uint8_t *state) {
 uint64_t rc_state_heard(const uint8_t *state) {
     unsigned n = rc_state_n(state), m = rc_state_m(state);
     const uint8_t *at = state + COSTS_AT + m + (2 * m + 7) / 8 + INTENT_BYTES;
-    return rc_take(&at, (n + 7u) / 8);
+    return rc_take_bits(&at, n); /* more than eight bytes follow */
 }
 
 uint32_t rc_state_fleet_digest(const uint8_t *state, size_t length) {

@@ -200,7 +200,7 @@ void rc_relay_heard_relay(rc_relay_table *table, uint32_t round, uint8_t sender,
         body[RELAY_M_AT] != table->m || body[RELAY_N_AT] != table->n)
         return;
     const uint8_t *at = body + RELAY_HELD_AT;
-    learn_rows(table, sender, rc_take(&at, (table->n + 7u) / 8) | bit(sender), table->n);
+    learn_rows(table, sender, rc_take_bits(&at, table->n) | bit(sender), table->n);
     for (; at < body + n; at += row_bytes(table)) {
         unsigned robot = at[ROW_ROBOT_AT];
         if (at[ROW_AGE_AT] != 0)

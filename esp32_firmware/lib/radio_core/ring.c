@@ -8,7 +8,8 @@ bool rc_ring_put(rc_ring *ring, const uint8_t *message, size_t n) {
     size_t tail = (ring->head + ring->used) % RC_RING_BYTES;
     size_t first = n < RC_RING_BYTES - tail ? n : RC_RING_BYTES - tail;
     memcpy(ring->bytes + tail, message, first);
-    memcpy(ring->bytes, message + first, n - first);
+    if (first < n)
+        memcpy(ring->bytes, message + first, n - first);
     ring->used += n;
     return true;
 }

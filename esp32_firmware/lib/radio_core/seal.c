@@ -5,7 +5,7 @@
 void rc_nonce(const uint8_t *mac, uint32_t boot, uint32_t sequence, uint8_t *nonce) {
     uint8_t *at = rc_put_bytes(nonce, mac, RC_MAC_BYTES);
     at = rc_put32(at, boot);
-    rc_put(at, sequence, 3);
+    rc_put24(at, sequence);
 }
 
 /* False: the frame does not begin with the header of a sealed one. */
