@@ -29,7 +29,7 @@ def missing() -> str:
 
 def compiler() -> str:
     """gcc and its major version: what the figures hold for."""
-    return f"gcc {_run('gcc', '-dumpversion').split('.')[0]} -O2"
+    return f"gcc {_run('gcc', '-dumpversion').split('.')[0].strip()} -O2"
 
 
 def counted() -> dict[str, int]:
