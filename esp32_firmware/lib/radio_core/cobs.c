@@ -53,6 +53,8 @@ static inline uint8_t *close_at(uint8_t *code, uint8_t *at) {
 
 /* Written out: this is the dearest part of a message. */
 static inline uint8_t *close_in_eight(uint8_t *code, uint8_t *at) {
+    if (!has_zero(at))
+        return code;
     code = close_at(code, at);
     code = close_at(code, at + 1);
     code = close_at(code, at + 2);
@@ -68,9 +70,14 @@ static size_t stuff(uint8_t *frame, size_t n) {
     if (may_fill_a_block(frame + 1, n))
         n = part_full_block(frame + 1, n);
     uint8_t *code = frame, *at = frame + 1, *end = at + n, *eights_end = at + n / 8 * 8;
-    for (; at < eights_end; at += 8)
-        if (has_zero(at))
-            code = close_in_eight(code, at);
+    if (n & 8) {
+        code = close_in_eight(code, at);
+        at += 8;
+    }
+    for (; at < eights_end; at += 16) {
+        code = close_in_eight(code, at);
+        code = close_in_eight(code, at + 8);
+    }
     *end = 0; /* of the frame; it closes the last block as others do */
     for (; at <= end; at++)
         code = close_at(code, at);

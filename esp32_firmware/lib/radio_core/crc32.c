@@ -48,10 +48,16 @@ static inline uint32_t with_eight(uint32_t crc, const uint8_t *eight) {
            later[0][eight[3]];
 }
 
+static inline uint32_t with_sixteen(uint32_t crc, const uint8_t *sixteen) {
+    return with_eight(with_eight(crc, sixteen), sixteen + 8);
+}
+
 uint32_t rc_crc32(const uint8_t *bytes, size_t n) {
     uint32_t crc = 0xffffffffu;
-    for (; n >= 16; n -= 16, bytes += 16)
-        crc = with_eight(with_eight(crc, bytes), bytes + 8);
+    for (; n >= 32; n -= 32, bytes += 32)
+        crc = with_sixteen(with_sixteen(crc, bytes), bytes + 16);
+    for (; n >= 8; n -= 8, bytes += 8)
+        crc = with_eight(crc, bytes);
     for (; n > 0; n--)
         crc = (crc >> 8) ^ later[0][(crc ^ *bytes++) & 255];
     return ~crc;
