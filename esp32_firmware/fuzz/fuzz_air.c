@@ -1,6 +1,7 @@
 /* Frames from the air at a radio without a key and at one whose seal opens everything.
  *
- * Input: of each frame its length, the last byte of the sender's MAC, the time since the last one in ms, its bytes. */
+ * Input: of each frame its length, the last byte of the sender's MAC, the time since the last one in ms, its
+ * bytes. */
 #include "radios.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

@@ -7,7 +7,7 @@ work=build/fuzz
 core=esp32_firmware/lib/radio_core
 command -v clang >/dev/null || { echo "make fuzz: clang was not found: install it (Debian: apt install clang)" >&2; exit 1; }
 mkdir -p "$work"
-${PYTHON:-.venv/bin/python} tests/firmware/fuzz_corpus.py "$work/corpus"
+PYTHONPATH=tests/firmware ${PYTHON:-.venv/bin/python} tests/firmware/fuzz_corpus.py "$work/corpus"
 
 # target, share of the inputs in percent
 for job in "fuzz_frame 60" "fuzz_air 25" "fuzz_usb 15"; do

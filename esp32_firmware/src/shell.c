@@ -28,7 +28,7 @@ static rc_radio radio;
 static QueueHandle_t events;
 static const hal_host *host;
 static uint64_t core_us; /* the latest time that the core knows: for it time never goes back */
-static uint8_t tuned;
+static uint8_t wished, tuned; /* channels: of the memory, and in use */
 static uint64_t peers_stored_us;
 static button stop_button;
 static lamp_light shown;
@@ -78,8 +78,9 @@ static void read_from_host(void) {
 
 static void keep_channel(void) {
     uint8_t wanted = rc_memory_of(&radio)->identity.channel;
-    if (wanted == tuned)
+    if (wanted == wished)
         return;
+    wished = wanted;
     if (hal_espnow_tune(wanted)) {
         tuned = wanted;
     } else {

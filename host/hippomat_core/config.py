@@ -42,7 +42,7 @@ class FleetConfig:
     channel: int = _number(1, 1, 13)  # Wi-Fi, 2.4 GHz
     task_slots: int = _number(12, 1, MAX_TASK_SLOTS)  # M
     seed: int = _number(1, 0, 2**31 - 1)
-    round_s: float = _number(0.1, 0.05, 5.0)
+    round_s: float = _number(0.1, 0.05, 1.0)
     c_max_s: float = _number(0.0, 0.0, 10_000.0)  # 0: derived from the map
     allocator: str = _choice("hungarian", "hungarian", "greedy", "random", "paper_network")
     policy: str = ""  # path of a safetensors file, for allocator = paper_network

@@ -26,14 +26,20 @@ def a_radio(robot: int = 3, *, boot_kept: bool = True, sequence: int = 0, **memo
 
 
 def a_state(
-    x_cm: int = 0, *, n: int = 5, m: int = 4, stop: tuple[bool, int] = (False, 0), heard: int = 0
+    x_cm: int = 0,
+    *,
+    n: int = 5,
+    m: int = 4,
+    stop: tuple[bool, int] = (False, 0),
+    heard: int = 0,
+    digest: int = 0xF1EE7,
 ) -> Any:
     flags = air.FLAG_LOCALIZED | (air.FLAG_STOPPED if stop[0] else 0)
     costs = (np.arange(m) + x_cm % 100).astype(np.uint8)
     nothing = np.zeros(0, np.uint8)
     return air.StateFrame(
         *(air.IDLE, flags, x_cm, 0, 0, 0, 0, air.NO_CLAIM, costs, np.ones(m, np.uint8), 0, 0, 0, nothing),
-        *(heard, np.zeros(n, np.uint8), 0xF1EE7, 2, stop[1]),
+        *(heard, np.zeros(n, np.uint8), digest, 2, stop[1]),
     )
 
 

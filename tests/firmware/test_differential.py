@@ -210,7 +210,7 @@ def test_both_pass_on_the_same_lengths_of_frames(size):
             link.encode_payload(heard)
 
 
-@pytest.mark.parametrize("round_ms", [0, 49, 50, 52, 53, 99, 100, 199, 200, 5000, 5001, 65535])
+@pytest.mark.parametrize("round_ms", [0, 49, 50, 52, 53, 99, 100, 199, 200, 1000, 1001, 65535])
 def test_both_accept_the_same_rounds(round_ms):
     for slots in range(256):
         payload = bytes([link.HELLO, 2, 3, 1, 6, round_ms & 255, round_ms >> 8, slots])

@@ -209,12 +209,12 @@ def test_a_host_that_is_gone_does_not_keep_the_radio_from_its_restart(chip):
 # ---- the channel ---------------------------------------------------------------------------------
 
 
-def test_a_channel_that_the_region_forbids_is_neither_used_nor_stored(chip):
+def test_a_channel_that_the_region_forbids_stays_a_wish_and_the_status_names_the_one_in_use(chip):
     radio = chip().boot()
     radio.host(hello(robot=5, channel=13))
     status = status_of(radio)
     assert (status.robot, status.channel) == (5, 1)
-    assert radio.flash["identity"] == identity_in_flash(5, channel=1)
+    assert radio.flash["identity"] == identity_in_flash(5, channel=13)
 
 
 def test_a_forbidden_channel_in_flash_does_not_keep_the_radio_from_starting(chip):

@@ -13,6 +13,7 @@ from hippomat_core.wire import frames as air
 
 ROBOT = {"identity": identity_in_flash()}
 SLOT_US, ROUND_US = 2080, 100_000  # five slots in 100 ms
+APART_US = 200  # a turn begins up to this late, a little different each time
 
 
 def frames_of(robot: int, count: int, first: int = 1) -> list[bytes]:
@@ -61,7 +62,7 @@ def test_a_state_goes_out_at_the_start_of_its_slot(chip):
         late_us.append(header.fleet_time_us % ROUND_US - 3 * SLOT_US)
     assert len(late_us) == 20
     assert min(late_us) >= 0
-    assert max(late_us) < 100
+    assert max(late_us) < 100 + APART_US
 
 
 def test_the_alarm_is_set_for_what_the_core_wants_next(chip):
@@ -69,7 +70,7 @@ def test_the_alarm_is_set_for_what_the_core_wants_next(chip):
     radio.tell("alarms")
     radio.run_ms(100)
     starts = {(int(at) - 3 * SLOT_US) % ROUND_US for (at,) in radio.said("alarm")}
-    assert any(start <= 2 or start >= ROUND_US - 2 for start in starts)
+    assert any(start <= APART_US or start >= ROUND_US - 2 for start in starts)
     assert len(radio.said("alarm")) < 30  # an alarm that stays as it is is not set again
 
 
@@ -191,9 +192,10 @@ def test_holding_the_button_for_a_second_sends_stop_once(chip):
     assert radio.sent() == []
     radio.run_ms(3000)
     frames = [codec.decode_frame(frame) for _, frame in radio.sent()]
-    assert {(header.kind, body.counter, body.origin) for header, body in frames} == {(air.STOP, 1, 3)}
     status = status_of(radio)
-    assert (status.stop_counter, status.flags & link.FLAG_STOPPED) == (1, link.FLAG_STOPPED)
+    told = {(header.kind, body.counter, body.origin) for header, body in frames}
+    assert told == {(air.STOP, status.stop_counter, 3)}
+    assert status.flags & link.FLAG_STOPPED
     again = chip(radio.flash).boot()
     assert status_of(again).flags & link.FLAG_STOPPED
 

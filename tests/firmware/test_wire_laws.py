@@ -253,7 +253,7 @@ def test_an_operator_sends_no_state_and_no_relay():
         (link.Hello(2, 64, 1, 6, 100, 5), "robot = 64 is neither 0 .. 63 nor 255"),
         (link.Hello(2, 3, 1, 15, 100, 5), "channel = 15 is outside 1 .. 14"),
         (link.Hello(2, 3, 1, 6, 100, 33), "slots = 33 are outside 1 .. 32, what a round of 100 ms has room"),
-        (link.Hello(2, 3, 1, 6, 40, 5), "round_ms = 40 is outside 50 .. 5000"),
+        (link.Hello(2, 3, 1, 6, 40, 5), "round_ms = 40 is outside 50 .. 1000"),
         (link.SendBody(air.STOP, bytes(4)), "SendBody.kind = 4 is not STATE or TASKS"),
         (link.SendBody(air.STATE, bytes(227)), "SendBody.body length = 227 is outside 1 .. 226"),
         (link.Provision(2, 3, 1, 6, 54, b"", 0), "rate_mbps = 54 is not one of (6, 12, 24)"),

@@ -119,7 +119,7 @@ rates = st.sampled_from(link.RATES_MBPS)
 flags = st.integers(0, 63)
 macs = st.binary(min_size=6, max_size=6)
 keys = st.one_of(st.just(link.OPEN_KEY), st.binary(min_size=16, max_size=16).filter(any))
-schedules = st.integers(50, 5000).flatmap(
+schedules = st.integers(50, 1000).flatmap(
     lambda round_ms: st.tuples(st.just(round_ms), st.integers(1, min(64, round_ms * 1000 // 3120)))
 )
 

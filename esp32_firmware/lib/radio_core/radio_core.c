@@ -1,4 +1,4 @@
-/* Start, memory, time and status of a radio; radio_host.c and radio_air.c have its two sides. */
+/* Start, memory, time and status of a radio; radio_host.c, radio_hear.c and radio_send.c have its sides. */
 #include "radio_core.h"
 
 #include <string.h>
@@ -26,7 +26,7 @@ static void repair(rc_memory *memory) {
         memory->identity = empty.identity;
     if (!rc_schedule_valid(&memory->schedule))
         memory->schedule = empty.schedule;
-    if (memory->rate_mbps != 6 && memory->rate_mbps != 12 && memory->rate_mbps != 24)
+    if (!rc_rate_valid(memory->rate_mbps))
         memory->rate_mbps = empty.rate_mbps;
     memory->keyed = memory->keyed != 0;
     memory->provisioned = memory->provisioned != 0;
@@ -61,8 +61,8 @@ void rc_init(rc_radio *rc, uint64_t now_us, const rc_config *config) {
     rc->sequence = config->sequence & RC_MAX_SEQUENCE;
     rc->next_status_us = now_us;
     rc->listen_until_us = now_us + RC_LISTEN_ROUNDS * (uint64_t)rc_round_us(rc);
-    rc->stop.counter = memory->stop_counter;
-    rc->stop.resumed = memory->stop_resumed;
+    rc->tuned = memory->identity.channel;
+    rc_stop_init(&rc->stop, rc->salt, memory->stop_counter, memory->stop_resumed);
     recall_peers(rc);
     rc_fleet_time_init(&rc->time, now_us);
     rc_relay_init(&rc->relay, memory->identity.robot);
@@ -78,18 +78,27 @@ unsigned rc_dirty(const rc_radio *rc) {
     return rc->dirty;
 }
 
+static void answer_provisioning(rc_radio *rc) {
+    uint8_t frame[RC_LINK_MAX_ENCODED];
+    rc_tell_host(rc, frame,
+                 rc_provisioned_encode(!rc->keep_failed, rc->config.memory.boot_counter, frame + 1));
+    rc->provisioning = false;
+    rc->restart = true;
+}
+
 void rc_kept(rc_radio *rc, unsigned parts, bool ok) {
     rc->dirty &= ~parts;
-    if (!ok) /* tried again with the next status; of identity and boot the caller hears below */
-        rc->unkept |= parts & (RC_KEEP_PEERS | RC_KEEP_STOP);
-    if (parts & RC_KEEP_BOOT && !rc->provisioning)
-        rc->boot_ready = ok || !rc->config.memory.keyed;
-    if (parts & RC_KEEP_IDENTITY && rc->provisioning) {
-        uint8_t frame[RC_LINK_MAX_ENCODED];
-        rc_tell_host(rc, frame, rc_provisioned_encode(ok, rc->config.memory.boot_counter, frame + 1));
-        rc->provisioning = false;
-        rc->restart = true;
+    if (rc->provisioning) {
+        rc->keep_failed = rc->keep_failed || !ok;
+        if (rc->dirty == 0)
+            answer_provisioning(rc);
+        return;
     }
+    if (!ok) /* tried again with the next status; who has no identity stored is asked for it again by its host
+              */
+        rc->unkept |= parts & ~(unsigned)RC_KEEP_IDENTITY;
+    if (parts & RC_KEEP_BOOT)
+        rc->boot_ready = ok || !rc->config.memory.keyed;
 }
 
 bool rc_wants_restart(const rc_radio *rc) {
@@ -97,7 +106,7 @@ bool rc_wants_restart(const rc_radio *rc) {
 }
 
 void rc_channel_is(rc_radio *rc, uint8_t channel) {
-    rc->config.memory.identity.channel = channel;
+    rc->tuned = channel;
 }
 
 /* ---- STOP --------------------------------------------------------------------------------------------- */
@@ -118,6 +127,12 @@ void rc_button(rc_radio *rc, uint64_t now_us) {
 }
 
 /* ---- status ------------------------------------------------------------------------------------------- */
+
+rc_identity rc_identity_in_use(const rc_radio *rc) {
+    rc_identity identity = rc->config.memory.identity;
+    identity.channel = rc->tuned;
+    return identity;
+}
 
 uint64_t rc_alive(const rc_radio *rc, uint64_t now_us) {
     uint64_t alive = 0;
@@ -172,9 +187,11 @@ void rc_tell_status(rc_radio *rc, uint64_t now_us) {
     const rc_memory *memory = &rc->config.memory;
     uint8_t frame[RC_LINK_MAX_ENCODED];
     rc_condition condition = rc_condition_of(rc, now_us);
-    size_t n = rc_status_encode(&rc->config.about, memory->boot_counter, &memory->identity, &memory->schedule,
+    rc_identity identity = rc_identity_in_use(rc);
+    size_t n = rc_status_encode(&rc->config.about, memory->boot_counter, &identity, &memory->schedule,
                                 memory->rate_mbps, &condition, &rc->counters, frame + 1);
-    rc_tell_host(rc, frame, n);
+    if (!rc_tell_host(rc, frame, n))
+        return;
     for (size_t i = 0; i < RC_MAX_ROBOTS; i++)
         rc->peers[i].rebooted = false;
 }
@@ -190,8 +207,7 @@ static void tell_round(rc_radio *rc, uint64_t now_us) {
     rc->round_told = true;
 }
 
-/* The fleet's time has gone on: a round was observed, or another one begins. */
-static void follow_rounds(rc_radio *rc, uint64_t now_us) {
+void rc_follow_rounds(rc_radio *rc, uint64_t now_us) {
     const rc_schedule *schedule = &rc->config.memory.schedule;
     uint64_t fleet_us = rc_fleet_time_at(&rc->time, now_us);
     uint32_t round = rc_round_of(schedule, fleet_us);
@@ -210,7 +226,7 @@ static void follow_rounds(rc_radio *rc, uint64_t now_us) {
 void rc_tick(rc_radio *rc, uint64_t now_us) {
     if (rc->flight.up && now_us >= rc->flight.since_us + RC_IN_FLIGHT_TIMEOUT_US)
         rc_air_done(rc, now_us, false);
-    follow_rounds(rc, now_us);
+    rc_follow_rounds(rc, now_us);
     if (now_us >= rc->next_status_us) {
         rc_tell_status(rc, now_us);
         rc->dirty |= rc->unkept;
@@ -232,9 +248,9 @@ static uint64_t next_fleet_us(const rc_radio *rc, uint64_t fleet_us) {
         next_us = earlier(next_us, start_us + rc_observed_us(&memory->schedule));
     if (!rc_is_robot(rc) || rc->passive)
         return next_us;
-    rc_turn turn = rc_next_turn(&memory->schedule, memory->identity.robot, rc->salt, fleet_us);
+    rc_turn turn = rc_own_turn(rc, fleet_us);
     if (turn.start_us <= fleet_us) /* open now: whatever comes in meanwhile is a call of its own */
-        turn = rc_next_turn(&memory->schedule, memory->identity.robot, rc->salt, turn.latest_us + 1);
+        turn = rc_own_turn(rc, turn.latest_us + 1);
     return earlier(next_us, turn.start_us);
 }
 

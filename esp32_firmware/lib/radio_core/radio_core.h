@@ -53,7 +53,7 @@ typedef struct {
     rc_memory memory;
     bool boot_kept;    /* the boot counter of this boot was stored before now */
     uint32_t sequence; /* numbers used already in this boot: 0 after a reset */
-    rc_cipher cipher; /* all NULL where no key will ever be used */
+    rc_cipher cipher;  /* all NULL where no key will ever be used */
 } rc_config;
 
 typedef struct rc_radio rc_radio;
@@ -70,7 +70,7 @@ void rc_air_rx(rc_radio *rc, uint64_t now_us, int8_t rssi_dbm, const uint8_t *ma
                size_t n);
 /* The driver is done with the frame in flight; ok: it was put on the air. */
 void rc_air_done(rc_radio *rc, uint64_t now_us, bool ok);
-/* Time passes; call it when rc_next_us() says so and after everything else. */
+/* Time passes; call it when rc_next_us() says so, and before rc_air_tx. */
 void rc_tick(rc_radio *rc, uint64_t now_us);
 /* The earliest time at which rc_tick or rc_air_tx has work, if nothing comes in before. */
 uint64_t rc_next_us(const rc_radio *rc, uint64_t now_us);
@@ -116,16 +116,19 @@ struct rc_radio {
     uint32_t sequence; /* of the last frame taken for the air */
     uint32_t salt;     /* of this radio's pseudo-random choices */
     unsigned dirty;    /* parts of the memory that have to be stored */
-    unsigned unkept;       /* of these, what could not be stored at the last try */
+    unsigned unkept;   /* parts that could not be stored: dirty again with the next status */
     bool boot_ready;   /* the boot counter in use is stored */
     bool passive;      /* another radio has our id */
     bool provisioning; /* the host waits for the answer */
+    bool keep_failed;  /* a part of it could not be stored */
     bool restart;
+    uint8_t tuned;            /* the channel in use */
     uint64_t listen_until_us; /* own time */
     uint64_t next_status_us;
     uint32_t round;          /* of fleet time, present */
     bool round_told;         /* the host was told that this round was observed */
     uint64_t turn_used;      /* 3 * round + phase + 1 of our last slotted frame */
+    uint64_t state_round;    /* of our last STATE, + 1: one a round */
     uint64_t tasks_since_us; /* since when TASKS wait */
     rc_cobs_decoder from_host;
     rc_ring to_host;

@@ -3,9 +3,15 @@
 
 #include "radio_parts.h"
 
-void rc_tell_host(rc_radio *rc, uint8_t *frame, size_t n) {
-    if (!rc_ring_put(&rc->to_host, frame, rc_cobs_close(frame, n)))
-        rc->counters.dropped_usb++;
+/* What the radio itself has to say (rounds, STOP, status) still finds room when frames heard do not. */
+enum { RESERVE_BYTES = 1024 };
+
+bool rc_tell_host(rc_radio *rc, uint8_t *frame, size_t n) {
+    bool crowded = frame[1] == RC_LINK_HEARD && rc->to_host.used > RC_RING_BYTES - RESERVE_BYTES;
+    if (!crowded && rc_ring_put(&rc->to_host, frame, rc_cobs_close(frame, n)))
+        return true;
+    rc->counters.dropped_usb++;
+    return false;
 }
 
 size_t rc_usb_tx(rc_radio *rc, uint8_t *out, size_t cap) {
@@ -15,7 +21,8 @@ size_t rc_usb_tx(rc_radio *rc, uint8_t *out, size_t cap) {
 static void answer_hello(rc_radio *rc, uint64_t now_us) {
     const rc_memory *memory = &rc->config.memory;
     uint8_t frame[RC_LINK_MAX_ENCODED];
-    size_t n = rc_reply_encode(&rc->config.about, memory->boot_counter, &memory->identity, &memory->schedule,
+    rc_identity identity = rc_identity_in_use(rc);
+    size_t n = rc_reply_encode(&rc->config.about, memory->boot_counter, &identity, &memory->schedule,
                                memory->rate_mbps, rc_condition_of(rc, now_us).flags, frame + 1);
     rc_tell_host(rc, frame, n);
 }
@@ -27,17 +34,20 @@ static void adopt_identity(rc_radio *rc, const rc_identity *identity) {
     if (rc_is_robot(rc) || memory->provisioned || memory->keyed)
         return;
     memory->identity = *identity;
+    rc->tuned = identity->channel;
     rc_relay_init(&rc->relay, identity->robot);
     if (rc_is_robot(rc))
         rc->dirty |= RC_KEEP_IDENTITY;
 }
 
 /* The host's configuration is the fleet's; the fleet digest shows where one differs. */
-static void adopt_schedule(rc_radio *rc, const rc_schedule *schedule) {
+static void adopt_schedule(rc_radio *rc, uint64_t now_us, const rc_schedule *schedule) {
     rc_memory *memory = &rc->config.memory;
     if (memory->schedule.round_ms == schedule->round_ms && memory->schedule.slots == schedule->slots)
         return;
     memory->schedule = *schedule;
+    if (now_us < rc->listen_until_us) /* three rounds, of these */
+        rc->listen_until_us = now_us + RC_LISTEN_ROUNDS * (uint64_t)rc_round_us(rc);
     if (rc_is_robot(rc))
         rc->dirty |= RC_KEEP_IDENTITY;
 }
@@ -60,6 +70,7 @@ static void on_provision(rc_radio *rc, const rc_provision *given) {
     memcpy(memory->key, given->key, RC_KEY_BYTES);
     if (memory->boot_counter < given->unix_s)
         memory->boot_counter = given->unix_s;
+    rc->keep_failed = false;
     rc->provisioning = true; /* nothing more is sent: the counter in use is not this one */
     rc->dirty |= RC_KEEP_IDENTITY | RC_KEEP_BOOT | RC_KEEP_PEERS | RC_KEEP_STOP;
 }
@@ -84,10 +95,9 @@ static void on_send(rc_radio *rc, uint64_t now_us, const rc_send *send) {
 }
 
 static void on_command(rc_radio *rc, uint64_t now_us, const rc_command *command) {
-    bool done = command->kind == RC_STOP
-                    ? rc_stop_raise(&rc->stop, now_us, RC_OPERATOR, command->reason)
-                    : rc_stop_resume(&rc->stop, now_us, command->counter, RC_OPERATOR, command->reason);
-    if (!done)
+    if (command->kind == RC_STOP)
+        rc_stop_raise(&rc->stop, now_us, RC_OPERATOR, command->reason);
+    else if (!rc_stop_resume(&rc->stop, now_us, command->counter, RC_OPERATOR, command->reason))
         rc->counters.send_failed++;
     rc_note_stop(rc, now_us);
 }
@@ -122,7 +132,7 @@ static void report_peers(rc_radio *rc, uint64_t now_us) {
 static void on_hello(rc_radio *rc, uint64_t now_us, const rc_hello *hello) {
     if (hello->link_version == RC_LINK_VERSION) {
         adopt_identity(rc, &hello->identity);
-        adopt_schedule(rc, &hello->schedule);
+        adopt_schedule(rc, now_us, &hello->schedule);
     }
     answer_hello(rc, now_us);
 }

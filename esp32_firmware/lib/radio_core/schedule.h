@@ -17,7 +17,7 @@ enum {
     RC_SLOT_MAX_US = 2080,
     RC_SLOT_LATEST_US = 500, /* a frame may start this long after its slot did */
     RC_ROUND_MIN_MS = 50,
-    RC_ROUND_MAX_MS = 5000
+    RC_ROUND_MAX_MS = 1000
 };
 
 /* The hosts' configuration: all robots of a fleet have the same (it is in the fleet digest). */

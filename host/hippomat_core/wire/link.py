@@ -88,7 +88,7 @@ __all__ = [
 
 HELLO, SEND, PROVISION, COMMAND, ASK_PEERS = range(0x01, 0x06)
 HELLO_REPLY, STATUS, HEARD, SENT, PROVISIONED, PEER, ROUND = range(0x81, 0x88)
-ROUND_MIN_MS, ROUND_MAX_MS = 50, 5000  # these and the next as in schedule.h
+ROUND_MIN_MS, ROUND_MAX_MS = 50, 1000  # these and the next as in schedule.h
 PHASES, SLOT_MIN_US = 3, 1040
 
 _KINDS: dict[int, type[LinkMessage]] = {

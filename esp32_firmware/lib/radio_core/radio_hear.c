@@ -1,10 +1,8 @@
-/* The side of the air: what is believed of a frame heard, and what is sent in which turn. */
+/* What is believed of a frame heard, and what is learned from it. What is sent is in radio_send.c. */
 #include <string.h>
 
 #include "bytes.h"
 #include "radio_parts.h"
-
-/* ---- from the air ------------------------------------------------------------------------------------- */
 
 /* A stranger among the operators gets a free place, else that of the longest unheard. */
 static bool makes_room(const rc_peer *peer, const rc_peer *other) {
@@ -100,6 +98,14 @@ static const uint8_t *opened(rc_radio *rc, const rc_header *header, const uint8_
     return frame;
 }
 
+/* Of whoever sends it: a passive twin, one under another's id, one that sends too much. */
+static void heed_stop(rc_radio *rc, uint64_t now_us, const rc_header *header, const uint8_t *body, size_t n) {
+    rc_stop stop;
+    if (header->kind == RC_STOP && rc_stop_decode(body, n, &stop))
+        rc_stop_heard(&rc->stop, now_us, RC_STOP, &stop);
+    rc_note_stop(rc, now_us);
+}
+
 static void learn_from(rc_radio *rc, uint64_t now_us, const rc_header *header, const uint8_t *body,
                        size_t n) {
     uint32_t round = rc_round_of(&rc->config.memory.schedule, header->fleet_time_us);
@@ -109,10 +115,10 @@ static void learn_from(rc_radio *rc, uint64_t now_us, const rc_header *header, c
         rc_stop_shown(&rc->stop, now_us, header->sender, body[1] & 1, counter);
     } else if (header->kind == RC_RELAY) {
         rc_relay_heard_relay(&rc->relay, round, header->sender, body, n);
-    } else if (header->kind == RC_STOP || header->kind == RC_RESUME) {
-        rc_stop stop;
-        if (rc_stop_decode(body, n, &stop))
-            rc_stop_heard(&rc->stop, now_us, header->kind, &stop);
+    } else if (header->kind == RC_RESUME) {
+        rc_stop resume;
+        if (rc_stop_decode(body, n, &resume))
+            rc_stop_heard(&rc->stop, now_us, RC_RESUME, &resume);
     }
     rc_note_stop(rc, now_us);
 }
@@ -121,26 +127,43 @@ static void believe(rc_radio *rc, uint64_t now_us, int8_t rssi_dbm, const rc_hea
                     const uint8_t *plain, size_t n) {
     rc->counters.received++;
     uint32_t way_us = rc_airtime_us(n + (header->sealed ? RC_TAG_BYTES : 0), rc->config.memory.rate_mbps);
-    if (header->sender <
-        RC_MAX_ROBOTS) /* an operator's radio comes and goes: the fleet's time is the robots' */
+    /* An operator's radio comes and goes: the fleet's time is the robots'. */
+    if (header->sender < RC_MAX_ROBOTS)
         rc_fleet_time_heard(&rc->time, now_us, header->fleet_time_us, way_us + RC_FRAME_DELAY_US);
     uint8_t frame[RC_LINK_MAX_ENCODED];
     uint64_t fleet_us = rc_fleet_time_at(&rc->time, now_us);
     rc_tell_host(rc, frame, rc_heard_encode(now_us, fleet_us, rssi_dbm, plain, n, frame + 1));
+    if (rc_round_of(&rc->config.memory.schedule, fleet_us) != rc->round)
+        rc_follow_rounds(rc, now_us); /* the frame is the first of a round */
     learn_from(rc, now_us, header, plain + RC_HEADER_BYTES, n - RC_HEADER_BYTES);
+}
+
+/* Authentic and new, but not from whom we take frames. */
+static bool turned_away(rc_radio *rc, uint64_t now_us, const rc_header *header, const uint8_t *mac,
+                        rc_judgement judgement, rc_peer *place) {
+    if (is_ours(rc, header)) {
+        if (memcmp(mac, rc->config.about.mac, RC_MAC_BYTES) != 0)
+            go_passive(rc, now_us);
+        return true;
+    }
+    if (judgement == RC_IMPOSTOR) {
+        rc->counters.dropped_impostor++;
+        rc_peer_impostor(place, now_us);
+        return true;
+    }
+    return false;
 }
 
 void rc_air_rx(rc_radio *rc, uint64_t now_us, int8_t rssi_dbm, const uint8_t *mac, const uint8_t *frame,
                size_t n) {
     rc_header header;
-    if (!belongs(rc, frame, n, &header))
+    if (rc->restart || !belongs(rc, frame, n, &header))
         return;
     rc_peer *place = place_of(rc, &header, mac);
     rc_peer peer = judged_as(place, &header, mac);
     bool keyed = rc->config.memory.keyed;
     rc_judgement judgement = rc_peer_judge(&peer, mac, header.boot, header.sequence, now_us, keyed);
-    bool ours = is_ours(rc, &header);
-    if (judgement == RC_REPLAYED && !ours) {
+    if (judgement == RC_REPLAYED && !is_ours(rc, &header)) {
         rc->counters.dropped_replayed++;
         return;
     }
@@ -148,16 +171,9 @@ void rc_air_rx(rc_radio *rc, uint64_t now_us, int8_t rssi_dbm, const uint8_t *ma
     const uint8_t *plain = opened(rc, &header, mac, frame, &n, buffer);
     if (plain == NULL)
         return;
-    if (ours) {
-        if (memcmp(mac, rc->config.about.mac, RC_MAC_BYTES) != 0)
-            go_passive(rc, now_us);
+    heed_stop(rc, now_us, &header, plain + RC_HEADER_BYTES, n - RC_HEADER_BYTES);
+    if (turned_away(rc, now_us, &header, mac, judgement, place))
         return;
-    }
-    if (judgement == RC_IMPOSTOR) {
-        rc->counters.dropped_impostor++;
-        rc_peer_impostor(place, now_us);
-        return;
-    }
     if (!rc_peer_count(&peer, now_us)) {
         rc->counters.dropped_babble++;
         *place = peer;
@@ -168,132 +184,4 @@ void rc_air_rx(rc_radio *rc, uint64_t now_us, int8_t rssi_dbm, const uint8_t *ma
     if (new_boot)
         keep_boot(rc, &header, place);
     believe(rc, now_us, rssi_dbm, &header, plain, n);
-}
-
-/* ---- to the air --------------------------------------------------------------------------------------- */
-
-/* A sequence number is used once in a boot. When they run out the next boot counter begins, once it is
- * stored. */
-static void begin_next_boot(rc_radio *rc) {
-    rc->sequence = 0;
-    rc->config.memory.boot_counter++;
-    rc->boot_ready = false;
-    rc->dirty |= RC_KEEP_BOOT;
-}
-
-/* Header, and the seal where there is a key; frame already holds the body. 0: cannot be sent. */
-static size_t finish(rc_radio *rc, uint64_t now_us, uint8_t kind, uint8_t *frame, size_t body_bytes) {
-    const rc_config *config = &rc->config;
-    rc->sequence++;
-    rc_header header = {
-        .kind = kind,
-        .sealed = config->memory.keyed,
-        .fleet = config->memory.identity.fleet,
-        .sender = config->memory.identity.robot,
-        .boot = config->memory.boot_counter,
-        .sequence = rc->sequence,
-        .fleet_time_us = rc_fleet_time_at(&rc->time, now_us),
-    };
-    size_t n = rc_header_encode(&header, frame) + body_bytes;
-    if (config->memory.keyed)
-        n = rc_seal(&config->cipher, config->memory.key, config->about.mac, frame, n);
-    if (n == 0) {
-        rc->counters.send_failed++;
-        return 0;
-    }
-    rc->flight = (rc_flight){.up = true, .kind = kind, .sequence = rc->sequence, .since_us = now_us};
-    return n;
-}
-
-static size_t take_stop(rc_radio *rc, uint64_t now_us, uint8_t *kind, uint8_t *body) {
-    rc_stop stop;
-    if (!rc_stop_next(&rc->stop, now_us, rc_round_us(rc), rc->salt, rc_alive(rc, now_us), kind, &stop))
-        return 0;
-    return rc_stop_encode(&stop, body);
-}
-
-static size_t take_state(rc_radio *rc, uint8_t *kind, uint8_t *body) {
-    size_t n = rc_outbox_take_state(&rc->outbox, body);
-    if (n == 0)
-        return 0;
-    *kind = RC_STATE;
-    rc_state_put_heard(body, rc_relay_heard_bits(&rc->relay));
-    rc_relay_own(&rc->relay, rc->round, body, n);
-    return n;
-}
-
-static size_t take_tasks(rc_radio *rc, uint64_t now_us, uint8_t *kind, uint8_t *body) {
-    *kind = RC_TASKS;
-    rc->tasks_since_us = now_us;
-    return rc_outbox_take_tasks(&rc->outbox, body);
-}
-
-static size_t take_relay(rc_radio *rc, uint8_t *kind, uint8_t *body) {
-    size_t n = rc_relay_fill(&rc->relay, body);
-    *kind = RC_RELAY;
-    rc->counters.relays += n > 0;
-    return n;
-}
-
-/* What goes out in our turn: STATE first, late ones instead of a relay; TASKS that wait longer than a round
- * go in RELAY-2, else where nobody needs a row. */
-static size_t take_for_turn(rc_radio *rc, uint64_t now_us, uint8_t phase, uint8_t *kind, uint8_t *body) {
-    size_t n = take_state(rc, kind, body);
-    if (n > 0 || phase == 0)
-        return n;
-    bool patient = phase == 1 || now_us - rc->tasks_since_us < rc_round_us(rc);
-    if (!patient)
-        n = take_tasks(rc, now_us, kind, body);
-    if (n == 0)
-        n = take_relay(rc, kind, body);
-    return n > 0 ? n : take_tasks(rc, now_us, kind, body);
-}
-
-static size_t take_in_turn(rc_radio *rc, uint64_t now_us, uint8_t *kind, uint8_t *body) {
-    const rc_memory *memory = &rc->config.memory;
-    uint64_t fleet_us = rc_fleet_time_at(&rc->time, now_us);
-    rc_turn turn = rc_next_turn(&memory->schedule, memory->identity.robot, rc->salt, fleet_us);
-    uint64_t name = (uint64_t)turn.round * RC_PHASES + turn.phase + 1;
-    if (fleet_us < turn.start_us || turn.round != rc->round || name == rc->turn_used)
-        return 0;
-    size_t n = take_for_turn(rc, now_us, turn.phase, kind, body);
-    if (n > 0)
-        rc->turn_used = name;
-    return n;
-}
-
-static size_t take_body(rc_radio *rc, uint64_t now_us, uint8_t *kind, uint8_t *body) {
-    size_t n = take_stop(rc, now_us, kind, body);
-    if (n > 0)
-        return n;
-    if (!rc_is_robot(rc)) /* an operator has no slot */
-        return take_tasks(rc, now_us, kind, body);
-    if (rc->passive || now_us < rc->listen_until_us)
-        return 0;
-    return take_in_turn(rc, now_us, kind, body);
-}
-
-size_t rc_air_tx(rc_radio *rc, uint64_t now_us, uint8_t *out) {
-    if (rc->flight.up || !rc_may_send(rc))
-        return 0;
-    if (rc->sequence == RC_MAX_SEQUENCE) {
-        begin_next_boot(rc);
-        return 0;
-    }
-    uint8_t kind = 0;
-    size_t n = take_body(rc, now_us, &kind, out + RC_HEADER_BYTES);
-    return n > 0 ? finish(rc, now_us, kind, out, n) : 0;
-}
-
-/* A call after the timeout finds nothing in flight, or is taken for the next frame: at worst two overlap. */
-void rc_air_done(rc_radio *rc, uint64_t now_us, bool ok) {
-    if (!rc->flight.up)
-        return;
-    rc->flight.up = false;
-    if (ok)
-        rc->counters.sent++;
-    else
-        rc->counters.send_failed++;
-    uint8_t frame[RC_LINK_MAX_ENCODED];
-    rc_tell_host(rc, frame, rc_sent_encode(now_us, rc->flight.kind, rc->flight.sequence, ok, frame + 1));
 }
