@@ -53,7 +53,7 @@ def checked(settings: RadioSettings) -> RadioSettings:
     """The same settings; ConfigError names the first option that is out of range."""
     ranges: tuple[tuple[str, float, float, float], ...] = (
         ("--nodes", settings.nodes, 2, MAX_ROBOTS),
-        ("--rate", settings.rate_hz, 0.2, 20.0),
+        ("--rate", settings.rate_hz, 1.0, 20.0),
         ("--tasks", settings.tasks, 1, MAX_TASK_SLOTS),
         ("--seconds", settings.seconds, 5.0, 86_400.0),
         ("--loss", settings.loss, 0.0, 0.99),
