@@ -1,7 +1,7 @@
 /* What one frame costs the radio core, for `valgrind --tool=callgrind --toggle-collect=measured`.
  *
- * One scenario a run, named by the first argument; a fleet of 30 robots and 30 tasks. tests/firmware/instructions.py runs
- * them all and compares with figures.json. */
+ * One scenario a run, named by the first argument; a fleet of 30 robots and 30 tasks.
+ * tests/firmware/instructions.py runs them all and compares with figures.json. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -34,7 +34,8 @@ static uint8_t cost_of(uint8_t robot, size_t task) {
 }
 
 static size_t state_body(uint8_t robot, uint8_t *body) {
-    rc_state state = {.n = ROBOTS, .m = TASKS, .fleet_digest = 1, .heard = 0x15555555, .claim.slot = RC_NO_SLOT};
+    rc_state state = {
+        .n = ROBOTS, .m = TASKS, .fleet_digest = 1, .heard = 0x15555555, .claim.slot = RC_NO_SLOT};
     for (size_t j = 0; j < TASKS; j++)
         state.costs[j] = cost_of(robot, j);
     return rc_state_encode(&state, body);
@@ -99,7 +100,8 @@ static void play(uint32_t phase) {
 static void receive_relay(void) {
     rc_relay relay = {.n = ROBOTS, .m = TASKS, .count = 5, .held = 0x3fffffff};
     for (uint8_t i = 0; i < relay.count; i++) {
-        relay.rows[i] = (rc_relay_row){.robot = (uint8_t)(i * 3), .slot = i, .tag = 1, .x_cm = 300, .y_cm = -40};
+        relay.rows[i] =
+            (rc_relay_row){.robot = (uint8_t)(i * 3), .slot = i, .tag = 1, .x_cm = 300, .y_cm = -40};
         for (size_t j = 0; j < TASKS; j++)
             relay.rows[i].costs[j] = cost_of(i, j);
     }

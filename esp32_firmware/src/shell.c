@@ -27,7 +27,7 @@ static const char *const TAG = "radio";
 static rc_radio radio;
 static QueueHandle_t events;
 static const hal_host *host;
-static uint64_t core_us; /* the latest time that the core knows: for it time never goes back */
+static uint64_t core_us;      /* the latest time that the core knows: for it time never goes back */
 static uint8_t wished, tuned; /* channels: of the memory, and in use */
 static uint64_t peers_stored_us;
 static button stop_button;

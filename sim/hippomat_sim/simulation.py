@@ -99,7 +99,7 @@ class Simulation:
         )
 
     def _provisioned(self, robot: int) -> Memory:
-        """Without a key a new radio, which takes its identity from the daemon; with one, a provisioned one."""
+        """Without a key a new radio, which takes its identity from its daemon; else a provisioned one."""
         fleet, key = self.setup.fleet, self.setup.key
         return (
             Memory(robot, fleet, self.setup.channel, provisioned=True, key=key)

@@ -32,7 +32,7 @@ def seeds() -> dict[str, list[bytes]]:
 
 
 def a_fleet() -> bytes:
-    """STATE and RELAY of robots of the fleet in which the targets' radios are (radios.h): the table keeps them."""
+    """STATE and RELAY of robots of the targets' own fleet (radios.h), so that the table keeps them."""
     frames = []
     for sender in (5, 6, 7):
         header = air.Header(air.STATE, False, 1, sender, 1, 1, 700_000)

@@ -1,4 +1,4 @@
-"""The fuzz targets, briefly: they build, they find nothing, and they would find something. `make fuzz` is the long run."""
+"""The fuzz targets, briefly: they build, find nothing, and would find something. `make fuzz` runs long."""
 
 from __future__ import annotations
 

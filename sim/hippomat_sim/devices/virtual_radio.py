@@ -1,7 +1,7 @@
-"""The radio of a simulated robot: the firmware's own C between a serial port and the medium. Knows no frames.
+"""The radio of a simulated robot: the firmware's own C between serial port and medium. Knows no frames.
 
 Time is the world's, in microseconds; the radio's own clock starts at its boot and runs a little fast or slow.
-Does what the shell does on the chip: stores the memory, restarts when asked to, wakes the core when it is due.
+Does what the shell does on the chip: stores the memory, restarts when asked, wakes the core when it is due.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def mac_of(seed: int, station: int) -> bytes:
 
 @dataclass(slots=True)
 class VirtualRadio:
-    """One station of the medium, deterministic given the seed. `memory` is its flash: it outlives reboot()."""
+    """One station of the medium, deterministic given the seed. `memory` is its flash: it survives reboot()."""
 
     station: int
     seed: int

@@ -69,9 +69,12 @@ def find_compiler() -> Compiler:
 
 
 def build_library(
-    compiler: Compiler, sanitize: bool = False, cache: Path | None = None, extra: tuple[Path, ...] = ()
+    compiler: Compiler,
+    sanitize: bool = False,
+    cache: Path | None = None,
+    extra: tuple[Path, ...] = (),
 ) -> Path:
-    """The shared library, from the cache where it was built before. extra: C files and headers beside the core."""
+    """The shared library, from the cache if it was built before. extra: C files and headers beside the core."""
     sources = source_directory()
     files = [*sorted(sources.glob("*.[ch]")), *extra]
     flags = (*FLAGS, *(SANITIZE_FLAGS if sanitize else ()), f"-I{sources}")
