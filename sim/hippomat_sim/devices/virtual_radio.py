@@ -26,7 +26,7 @@ def mac_of(seed: int, station: int) -> bytes:
 
 @dataclass(slots=True)
 class VirtualRadio:
-    """One station of the medium, deterministic given the seed. `memory` is its flash: it survives reboot()."""
+    """One station of the medium, deterministic given the seed. `memory` is its flash, beyond reboot()."""
 
     station: int
     seed: int

@@ -74,7 +74,7 @@ def build_library(
     cache: Path | None = None,
     extra: tuple[Path, ...] = (),
 ) -> Path:
-    """The shared library, from the cache if it was built before. extra: C files and headers beside the core."""
+    """The shared library, from the cache if built before. extra: C files and headers beside the core."""
     sources = source_directory()
     files = [*sorted(sources.glob("*.[ch]")), *extra]
     flags = (*FLAGS, *(SANITIZE_FLAGS if sanitize else ()), f"-I{sources}")
