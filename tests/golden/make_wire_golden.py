@@ -107,7 +107,7 @@ def messages() -> dict[str, link.LinkMessage]:
     who, rounds = (3, 1, 6, 6), (100, 5)
     return {
         "hello": link.Hello(2, 3, 1, 6, *rounds),
-        "hello of a listener": link.Hello(2, 255, 0, 1, 5000, 64),
+        "hello of a listener": link.Hello(2, 255, 0, 1, 1000, 64),
         "send tasks": link.SendBody(air.TASKS, codec.encode_body(frames()["tasks, two"][1])),
         "send the largest state": link.SendBody(air.STATE, codec.encode_body(largest_state())),
         "provision with a key": link.Provision(2, *who, bytes(range(16)), 1_800_000_000),
