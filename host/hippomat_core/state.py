@@ -66,8 +66,8 @@ class Stop:
         return self if counter <= self.counter else Stop(counter, self.resumed, authentic)
 
     def lifted(self, counter: int) -> Stop:
-        """After a RESUME, which answers every STOP up to its counter."""
-        return replace(self, resumed=max(self.resumed, min(counter, self.counter, LAST_STOP - 1)))
+        """After a RESUME, which answers the STOP of its counter and no other."""
+        return replace(self, resumed=counter) if counter == self.counter != LAST_STOP else self
 
     def merged(self, counter: int, resumed: int, authentic: bool) -> Stop:
         """With another latch of this robot: its radio's, which outlives both."""

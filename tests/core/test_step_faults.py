@@ -79,6 +79,15 @@ def test_a_resume_for_a_stop_that_was_not_heard_leaves_later_stops_their_effect(
     assert body.state.stop.latched
 
 
+def test_a_resume_for_a_later_stop_than_ours_does_not_lift_ours(pair):
+    body = pair.bodies[0]
+    stop_heard(pair, body, STOP, 3)
+    stop_heard(pair, body, RESUME, 8)
+    assert body.state.stop.latched
+    stop_heard(pair, body, RESUME, 3)
+    assert not body.state.stop.latched
+
+
 def test_the_last_counter_stays_latched_because_no_later_stop_could_be_told_from_it(pair):
     body = pair.bodies[0]
     stop_heard(pair, body, STOP, 65_535)
