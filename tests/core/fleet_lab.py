@@ -25,7 +25,7 @@ from hippomat_core.fleet.inputs import OwnInputs
 from hippomat_core.fleet.rounds import RoundOutcome, end_round, ended_alone
 from hippomat_core.fleet.sites import task_sites
 from hippomat_core.fleet.state import FleetState, initial, started, with_map
-from hippomat_core.fleet.votes import GIVEN, ClaimId
+from hippomat_core.fleet.votes import GIVEN, UNKNOWN_ROUND, ClaimId
 from hippomat_core.messages import ClaimChanged, ConflictSeen, Effect
 from hippomat_core.wire.codec import decode_frame, encode_frame
 from hippomat_core.wire.frames import STATE, TASKS, Header, StateFrame, TasksFrame
@@ -64,9 +64,7 @@ class Lab:
     now_ns: int = 0
     completed: dict[tuple[int, int], list[tuple[int, int]]] = field(default_factory=dict)
     served_by: Counter[int] = field(default_factory=Counter)
-    learnt: dict[tuple[int, int], dict[int, int]] = field(
-        default_factory=dict
-    )  # who knew it served, and when
+    learnt: dict[tuple[int, int], dict[int, int]] = field(default_factory=dict)  # who knew of it, and when
     effects: list[tuple[int, int, Effect]] = field(default_factory=list)
     quoted: dict[tuple[int, int, int], dict[int, ClaimId]] = field(default_factory=dict)
     watchful: bool = False  # check at every frame heard, not only at round ends
@@ -126,6 +124,8 @@ class Lab:
 
     def _crash(self, robot: Robot) -> None:
         robot.up, robot.life, robot.destination = False, robot.life + 1, None
+        for known in self.learnt.values():
+            known.pop(robot.id, None)
 
     def _boot(self, robot: Robot) -> None:
         config = Config(fleet=self.config, robot=RobotConfig(id=robot.id))
@@ -142,12 +142,13 @@ class Lab:
         round_ns = robot.fleet.timing.round_ns
         jitter_ns = self.chance.randrange(20_000_000)
         self._later(self.now_ns + round_ns + jitter_ns - 10_000_000, lambda: self._round(robot, life))
+        self._end(robot, ended_alone(robot.fleet, self.now_ns + robot.clock_ns))
+
+    def _end(self, robot: Robot, ending: FleetState) -> None:
         self._check()
         arrived = self._move(robot)
         stamp_ns = self.now_ns + robot.clock_ns
-        robot.fleet, outcome = end_round(
-            ended_alone(robot.fleet, stamp_ns), stamp_ns, self._inputs(robot, arrived)
-        )
+        robot.fleet, outcome = end_round(ending, stamp_ns, self._inputs(robot, arrived))
         robot.destination = outcome.destination
         self._note(robot, outcome)
         self._note_learnt(robot)
@@ -197,7 +198,8 @@ class Lab:
                 continue
             if peer.frame.endorsed[robot.id] == claim.id.tag:
                 meant = self.quoted[peer.robot, peer.boot, peer.sequence][robot.id]
-                assert meant == claim.id, f"{peer.robot} voted for {meant}, counted for {claim.id}"
+                same = meant == claim.id and meant.round in (claim.id.round, UNKNOWN_ROUND)
+                assert same, f"{peer.robot} voted for {meant}, counted for {claim.id}"
 
     def _send(self, robot: Robot, kind: int, frame: StateFrame | TasksFrame | None) -> None:
         if frame is None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hippomat_core.config import Config, FleetConfig, RobotConfig
-from hippomat_core.fleet.hearing import heard_state, heard_tasks
+from hippomat_core.fleet.hearing import heard_relay, heard_state, heard_tasks
 from hippomat_core.fleet.inputs import OwnInputs
 from hippomat_core.fleet.rounds import RoundOutcome, end_round, ended_alone
 from hippomat_core.fleet.sites import task_sites
@@ -20,11 +20,14 @@ from hippomat_core.wire.frames import (
     FLAG_LOCALIZED,
     IDLE,
     NO_CLAIM,
+    RELAY,
     STATE,
     TASKS,
     WAITING,
     AirClaim,
     Header,
+    RelayFrame,
+    RelayRow,
     StateFrame,
     TasksFrame,
     TaskSlot,
@@ -46,8 +49,19 @@ class Seat:
 
     def hear(self, robot: int, frame: StateFrame, boot: int = 1, sequence: int | None = None) -> list[Effect]:
         self.sequence += 1
-        header = Header(STATE, False, 1, robot, boot, self.sequence if sequence is None else sequence, 0)
+        number = self.sequence if sequence is None else sequence
+        header = Header(STATE, False, 1, robot, boot, number, self.now_ns // 1000)
         self.fleet, effects = heard_state(self.fleet, self.now_ns, header, frame, -40 - robot)
+        return effects
+
+    def relay(self, via: int, *rows: RelayRow, age_ns: int = 0, **header: object) -> list[Effect]:
+        """Robot `via` passes rows on, in the round that we are in; age_ns: how long ago it sent that."""
+        self.sequence += 1
+        fleet_us = (self.now_ns - age_ns) // 1000
+        told = Header(RELAY, False, 1, via, 1, self.sequence, fleet_us)
+        frame = RelayFrame(len(self.fleet.peers), 0, rows)
+        told = replace(told, **header)  # type: ignore[arg-type]
+        self.fleet, effects = heard_relay(self.fleet, self.now_ns, told, frame, -70 - via)
         return effects
 
     def hear_tasks(self, robot: int, *slots: TaskSlot) -> list[Effect]:
@@ -94,6 +108,28 @@ class Seat:
             stop_counter=0,
         )
         return replace(frame, **others)  # type: ignore[arg-type]
+
+
+def relayed(robot: int, claim: AirClaim = NO_CLAIM, **others: object) -> RelayRow:
+    """A row of `robot` as RELAY carries it: free and idle unless it claims."""
+    row = RelayRow(
+        robot=robot,
+        age=0,
+        status=IDLE if claim is NO_CLAIM else ASSIGNED,
+        slot=claim.slot,
+        generation=claim.generation,
+        cost=claim.cost,
+        confirmed=claim.confirmed,
+        tag=claim.tag,
+        localized=True,
+        stopped=False,
+        x_cm=claim.x_cm,
+        y_cm=claim.y_cm,
+        z_cm=claim.z_cm,
+        eta_s=claim.eta_ds // 10,
+        costs=np.full(M, 100, np.uint8),
+    )
+    return replace(row, **others)  # type: ignore[arg-type]
 
 
 def seat(size: int = 3, robot: int = 0, mapped: bool = True, **fleet: object) -> Seat:

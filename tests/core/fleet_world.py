@@ -125,8 +125,12 @@ class FleetWorld:
         body.take(self._feedback(body, stamp_ns))
         body.take(full_sweep(stamp_ns))
         if (stamp_ns - self.bodies[0].state.started_ns) % 1_000_000_000 < TICK_NS:
-            body.take(radio_status(stamp_ns, boot_id=7, robot=robot))
-        for effect in body.take(Tick(stamp_ns)):
+            body.take(radio_status(stamp_ns, boot_id=7, robot=robot, slots=len(self.bodies)))
+        self._act(robot, body.take(Tick(stamp_ns)), stamp_ns)
+
+    def _act(self, robot: int, effects: tuple[Effect, ...], stamp_ns: int) -> None:
+        body = self.bodies[robot]
+        for effect in effects:
             if isinstance(effect, Drive):
                 body.v_mps, body.wz_radps = effect.v_mps, effect.wz_radps
             elif isinstance(effect, SendState | SendTasks):

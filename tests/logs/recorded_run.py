@@ -76,7 +76,7 @@ class RecordedRun:
 
 
 def record_run(directory: Path, ticks: int = 40, close: bool = True, **options: Any) -> RecordedRun:
-    """`ticks` * 50 ms: a robot in a room hears one peer; seeded by nothing, the same every time."""
+    """`ticks` * 50 ms: a robot in a room hears one peer in its radio's rounds; the same every time."""
     run = RecordedRun(directory, **options)
     run.identify(START_NS)
     run.event(m.Started(START_NS))
@@ -107,11 +107,19 @@ def sweep_bytes() -> bytes:
 
 
 def peer_bytes(k: int) -> bytes:
+    """A round of the radio: a peer's STATE and RELAY, and the end."""
     none = frames.AirClaim(frames.NO_SLOT, 0, 0, 0, False, 0, 0, 0, 0, 0)
     blank = np.zeros(4, np.uint8)
     state = frames.StateFrame(
         frames.IDLE, frames.FLAG_LOCALIZED, 300, 300, 0, 0, 0, none, blank + 9, blank, 60, 60, 0,
         blank[:0], 1, blank[:3], 1, 1, 0,
     )  # fmt: skip
-    header = frames.Header(frames.STATE, False, CONFIG.fleet.id, 1, 9, k + 1, 50_000 * k)
-    return link.encode_message(link.Heard(50_000 * k, 50_000 * k, -50, codec.encode_frame(header, state)))
+    at_us = 50_000 * k
+    header = frames.Header(frames.STATE, False, CONFIG.fleet.id, 1, 9, 2 * k + 1, at_us)
+    third = frames.RelayRow(2, 0, frames.IDLE, frames.NO_SLOT, 0, 0, False, 0, True, False, 0, 0, 0, 0, blank)
+    relay = frames.RelayFrame(3, 0b110, (third,))
+    passing = frames.Header(frames.RELAY, False, CONFIG.fleet.id, 1, 9, 2 * k + 2, at_us)
+    heard = [codec.encode_frame(header, state), codec.encode_frame(passing, relay)]
+    messages: list[link.LinkMessage] = [link.Heard(at_us, at_us, -50, frame) for frame in heard]
+    messages.append(link.Round(k // 2, at_us, at_us, 0b110, True))
+    return b"".join(link.encode_message(message) for message in messages)

@@ -114,7 +114,7 @@ def test_one_changed_cost_diverges_and_names_robot_tick_and_field(
     rewrite(log, tmp_path / "changed.mcap", change)
     assert main([str(tmp_path / "changed.mcap"), "--levels", "L0,L1,L2"]) == 2
     out = " ".join(capsys.readouterr().out.split())
-    assert "robot 0, tick 13 (record" in out
+    assert "robot 0, tick 12 (record" in out
     assert "RoundDecided.costs[2]: recorded" in out
 
 

@@ -21,7 +21,7 @@ from hippomat_core.config import FleetConfig
 LEASE_ROUNDS = 3  # not less than SLOT_ROUNDS + HOLD_ROUNDS, see votes.py, "Why tags"
 SLOT_ROUNDS = 1
 HOLD_ROUNDS = 2
-SETTLE_ROUNDS = 2  # rows with costs of a new generation need this long to reach everyone
+SETTLE_ROUNDS = 1.9  # rows with costs of a new generation need this long to reach everyone (see settle_ns)
 TURN_ROUNDS = 2  # on_claim: a confirmed claim waits this long for late votes before its slot turns
 DEAD_S = 3.0
 
@@ -77,7 +77,12 @@ class Timing:
 
     @property
     def settle_ns(self) -> int:
-        return SETTLE_ROUNDS * self.round_ns
+        """From a task's new generation until it is allocated.
+
+        Where rounds are common, all who learn of it in one round begin at the end of the same later round. At
+        two rounds, and not just under, the jitter of the round ends would decide for each of them.
+        """
+        return round(SETTLE_ROUNDS * self.round_ns)
 
     @property
     def turn_ns(self) -> int:
