@@ -44,11 +44,14 @@ def test_a_fleet_stops_and_goes_on_over_a_lossy_air(tmp_path: Path, capsys: Capt
     memories = [*a_fleet(3, fleet=7, key=key), a_dongle(fleet=7, key=key)]
     with desk(tmp_path, memories, robots=[0, 1, 2], loss=0.3) as radios:
         settled(radios)
-        for counter in (1, 2):
+        before = 0
+        for _ in range(2):
             ended = run(capsys, "stop", "--port", radios.path(DONGLE), "--reason", "person")
             assert ended.code == 0, ended
             assert stopped_robots(radios) == [True, True, True]
-            assert {seat.counter for seat in radios.seats.values()} == {counter}
+            (counter,) = {seat.counter for seat in radios.seats.values()}
+            assert before < counter <= before + 32  # `stop` may repeat itself, which is another STOP
+            before = counter
             assert f"STOP {counter} holds until `hippomat-host resume --port" in ended.out
             assert "done: all robots 0, 1, 2" in ended.out
             assert ("OPEN" in ended.err) == (not key)
@@ -143,7 +146,7 @@ def test_robots_that_do_not_show_it_are_named_and_the_code_is_2(
         radios.seats[1].obeys = False  # stays stopped
         ended = run(capsys, "resume", "--port", radios.path(DONGLE))
         assert ended.code == 2, ended
-        assert "robot 1: STOPPED by STOP 1" in ended.out
+        assert re.search(r"robot 1: STOPPED by STOP \d+", ended.out)
 
 
 @pytest.mark.usefixtures("hurried")
