@@ -5,7 +5,8 @@ to its radio to the moment another host reads it, and has two parts:
 
 - SLOT_ROUNDS in the sender's radio. A STATE decided at the end of a round leaves in the next round's slot, or
   in one of the two slots behind it; a newer STATE replaces it. What the host computes before it hands a STATE
-  over is no part of the delay: it hands over every vote before it decides anew.
+  over delays no change of its mind, for it hands over every vote before it decides anew. (Not covered: a host
+  that stalls just there, at the very round end at which it quotes a claim for the last time in T_dead.)
 - HOLD_ROUNDS between the receiving radio and its host. A robot that notices that it was held up for longer,
   or that it is told things by its radio that are older, trusts nothing for a round (FleetState.awake).
 
