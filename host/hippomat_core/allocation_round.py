@@ -48,10 +48,13 @@ def round_ended(state: State, event: RoundEnded) -> Stepped:
     """The radio observed a round: it ends for us too, unless that is no news."""
     now_ns = event.stamp_ns
     fleet, ends = radio_ended(state.fleet, event)
+    effects: list[Effect] = []
+    if fleet.clock.steps != state.fleet.clock.steps:
+        text = "the clocks of robot and radio have stepped apart: listening anew before anything is requested"
+        effects.append(AlarmRaised(WARNING, "clock_step", text))
     state = replace(state, fleet=fleet)
     if not ends or state.observes or state.ground is None:
-        return state, ()
-    effects: list[Effect] = []
+        return state, tuple(effects)
     state = with_faults(state, now_ns, effects)
     state = _round(state, state.ground, now_ns, permissions(dict(state.faults), now_ns), effects)
     return state, tuple(effects)

@@ -155,6 +155,27 @@ def test_clocks_that_drift_apart_for_hours_are_no_hold_up(drift, seed):
         clock = clock.ended(stamp_ns)
 
 
+@given(st.integers(150_000_000, 10**12), st.integers(0, 2**31))
+@settings(max_examples=30, deadline=None)
+def test_a_step_between_the_clocks_that_lasts_is_followed_within_three_seconds(step_ns, seed):
+    """A hold-up ends; the machine's clock that was set, or stood still, does not come back."""
+    clock = with_radio()
+    ended = []
+    for k in range(3, 40):
+        way_ns = (k * 7919 + seed) % 9_000_000
+        ended.append(clock.told(10 + k, k * ROUND, k * ROUND + step_ns + way_ns))
+    assert clock.clock.steps == 1
+    assert ended == [False] * 20 + [True] * 17
+
+
+def test_a_backlog_that_drains_slowly_is_no_step():
+    clock = with_radio()
+    for k in range(3, 60):
+        held_ns = 2_000_000_000 - (k - 3) * 30_000_000
+        clock.told(10 + k, k * ROUND, k * ROUND + held_ns)
+    assert clock.clock.steps == 0
+
+
 @given(
     st.lists(st.tuples(st.integers(0, 300_000_000), st.integers(0, 3), st.booleans()), max_size=60),
 )

@@ -6,7 +6,9 @@ Knows no rows and no frames; decides what of the radio's count is news.
 
 Late: a radio's own clock runs evenly, so the least difference between our stamp and its time, ever seen, is
 the one without a hold-up, and whatever exceeds it was held up on its way. Clocks drift apart: the least
-difference is allowed to grow by CREEP.
+difference is allowed to grow by CREEP. A step between the clocks that lasts (one of them was set, or a machine
+slept) looks like a hold-up that never ends: when all of STEADY rounds are late by the same it is followed, and
+whoever relies on lateness has to begin anew (`steps`).
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ from dataclasses import dataclass, replace
 from hippomat_core.messages import RoundEnded
 
 NEVER = -(10**18)
-CREEP = 2000  # 1/CREEP of the time: 500 ppm, more than any two crystals differ
+CREEP = 2000  # 1/CREEP of the time: 500 ppm, more than two crystals differ
+STEADY = 20  # rounds; a backlog that drains, or grows, does not stay the same for so long
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +35,10 @@ class RoundClock:
     radio_time_us: int = -1  # of the last RoundEnded; -1: none of this radio yet
     read_ns: int = NEVER  # when that was read
     offset_ns: int = 0  # the least difference, stamp less radio time
+    late: int = 0  # rounds in a row that were late by about the same
+    late_least_ns: int = 0  # differences, as offset_ns, of these
+    late_most_ns: int = 0
+    steps: int = 0  # lasting steps that were followed
 
     def started(self, stamp_ns: int) -> RoundClock:
         """Our own count begins."""
@@ -73,12 +80,23 @@ class RoundClock:
         least_ns = offset_ns if anew else min(offset_ns, crept_ns)
         clock = replace(self, radio_time_us=event.radio_time_us, read_ns=event.stamp_ns, offset_ns=least_ns)
         if offset_ns - least_ns >= self.round_ns:
-            return clock, False
+            return clock._with_late(offset_ns), False
+        clock = replace(clock, late=0)
         next_ns = event.stamp_ns + self.round_ns + self.round_ns // 2
         clock = replace(clock, start_ns=next_ns, start_round=event.round + 1)
         if not anew and event.round <= self.round:
             return clock, False
         return replace(clock, round=event.round, common=True), True
+
+    def _with_late(self, offset_ns: int) -> RoundClock:
+        """After one more late round: a hold-up, or, if it lasts, a step."""
+        least_ns = min(self.late_least_ns, offset_ns) if self.late else offset_ns
+        most_ns = max(self.late_most_ns, offset_ns) if self.late else offset_ns
+        if most_ns - least_ns > self.round_ns // 4:
+            return replace(self, late=1, late_least_ns=offset_ns, late_most_ns=offset_ns)
+        if self.late + 1 < STEADY:
+            return replace(self, late=self.late + 1, late_least_ns=least_ns, late_most_ns=most_ns)
+        return replace(self, late=0, offset_ns=least_ns, steps=self.steps + 1)
 
     def ends_alone(self, stamp_ns: int) -> RoundClock:
         """A round ends by our own count."""

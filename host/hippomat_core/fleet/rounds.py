@@ -64,7 +64,10 @@ def end_round(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> tuple[FleetSt
 
 def radio_ended(fleet: FleetState, event: RoundEnded) -> tuple[FleetState, bool]:
     """The radio observed a round. True: it ends for us too, so call end_round at once."""
+    stepped = fleet.clock.steps
     clock, ends = fleet.clock.heard(event)
+    if clock.steps != stepped:  # what was read since may be old: listen, as after a boot
+        fleet = replace(fleet, silent_from_ns=event.stamp_ns, in_step=False)
     return awake(replace(fleet, clock=clock), event.stamp_ns, event.radio_time_us), ends
 
 
