@@ -62,7 +62,7 @@ def hear(radio: Radio, now_us: int, frame: bytes, mac: bytes | None = None) -> N
     radio.air_rx(now_us, -50, mac_of(frame[2]) if mac is None else mac, frame)
 
 
-def send(radio: Radio, body: Any, now_us: int = 0) -> None:
+def send(radio: Radio, body: Any, now_us: int = LISTENED_US) -> None:
     message = link.SendBody(codec.kind_of(body), codec.encode_body(body))
     radio.usb_rx(now_us, link.encode_message(message))
 

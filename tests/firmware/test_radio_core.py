@@ -28,8 +28,11 @@ A_TASK = air.TasksFrame((air.TaskSlot(0, 4, 1, 2, 3, 4),))
 
 def test_a_radio_listens_for_three_rounds_and_then_sends_its_state_in_its_slot():
     radio = a_radio(robot=3)
-    send(radio, a_state(7))
-    (sent,) = sent_until(radio, 0, 500_000)
+    for now_us in (0, 100_000, 200_000):
+        send(radio, a_state(1), now_us)
+        assert sent_until(radio, now_us, now_us + 99_000) == []
+    send(radio, a_state(7), 299_000)
+    (sent,) = sent_until(radio, 299_000, 500_000)
     assert LISTENED_US <= sent.at_us <= LISTENED_US + 100_000 + 3 * SLOT_US
     assert 3 * SLOT_US <= sent.at_us % 100_000 <= 3 * SLOT_US + 500
     assert (sent.header.sender, sent.header.fleet, sent.header.boot, sent.header.sequence) == (3, 1, 7, 1)
@@ -41,7 +44,7 @@ def test_a_newer_state_replaces_an_unsent_one():
     radio = a_radio()
     for x_cm in (1, 2, 3):
         send(radio, a_state(x_cm))
-    assert [sent.body.x_cm for sent in sent_until(radio, 0, 500_000)] == [3]
+    assert [sent.body.x_cm for sent in sent_until(radio, LISTENED_US, 500_000)] == [3]
     assert radio.counters.replaced == 2
 
 
@@ -49,7 +52,7 @@ def test_one_frame_is_in_flight_at_a_time():
     radio = a_radio()
     send(radio, a_state(1))
     send(radio, A_TASK)
-    assert len(sent_until(radio, 0, 340_000, done=False)) == 1
+    assert len(sent_until(radio, LISTENED_US, 340_000, done=False)) == 1
     radio.air_done(340_001, True)
     assert radio.counters.sent == 1
 
@@ -57,7 +60,7 @@ def test_one_frame_is_in_flight_at_a_time():
 def test_a_frame_whose_callback_stays_away_is_given_up_after_50_ms():
     radio = a_radio(robot=0)
     send(radio, a_state(1))
-    (first,) = sent_until(radio, 0, 310_000, done=False)
+    (first,) = sent_until(radio, LISTENED_US, 310_000, done=False)
     send(radio, A_TASK)
     sent_until(radio, 310_001, first.at_us + 49_999, done=False)
     assert radio.counters.send_failed == 0
@@ -76,11 +79,20 @@ def test_a_callback_with_nothing_in_flight_is_ignored():
 
 def test_a_state_too_late_for_its_slot_goes_out_in_the_next_own_one():
     radio = a_radio(robot=0)
-    sent_until(radio, 0, 401_000)
+    sent_until(radio, LISTENED_US, 401_000)
     send(radio, a_state(1), 401_001)
     (sent,) = sent_until(radio, 401_001, 499_000)
     assert sent.body.x_cm == 1
     assert 400_000 + 5 * SLOT_US <= sent.at_us <= 400_000 + 5 * SLOT_US + 500
+
+
+def test_a_state_that_waited_for_more_than_a_round_is_not_sent():
+    radio = a_radio()
+    send(radio, a_state(1), 0)
+    assert sent_until(radio, 0, 900_000) == []
+    assert radio.counters.send_failed == 1
+    send(radio, a_state(2), 900_001)
+    assert [sent.body.x_cm for sent in sent_until(radio, 900_001, 1_100_000)] == [2]
 
 
 def test_tasks_go_out_in_relay_slots_and_what_finds_the_queue_full_is_counted():
@@ -88,14 +100,14 @@ def test_tasks_go_out_in_relay_slots_and_what_finds_the_queue_full_is_counted():
     for _ in range(9):
         send(radio, A_TASK)
     assert radio.counters.send_failed == 1
-    sent = sent_until(radio, 0, 800_000)
+    sent = sent_until(radio, LISTENED_US, 800_000)
     assert [one.header.kind for one in sent] == [air.TASKS] * 8
     assert {(one.at_us % 100_000 - 3 * SLOT_US) // (5 * SLOT_US) for one in sent} == {1, 2}
 
 
 def test_the_radio_writes_into_a_state_whom_it_heard():
     radio = a_radio(robot=3)
-    sent_until(radio, 0, 400_000)
+    sent_until(radio, LISTENED_US, 400_000)
     for sender in (0, 1):
         hear(
             radio,
@@ -154,15 +166,16 @@ def test_in_an_open_fleet_a_radio_that_lost_its_boot_counter_is_heard_again_afte
 
 def test_a_sequence_number_is_used_once_and_the_next_boot_counter_is_stored_before_the_first_follows():
     radio = a_radio(sequence=2**24 - 2)
-    for second in range(4):
+    sent = []
+    for second in range(1, 5):
         send(radio, a_state(second), second * 1_000_000)
-        sent = sent_until(radio, second * 1_000_000, second * 1_000_000 + 990_000)
-        if second == 1:
-            assert sent == []
+        sent.append(sent_until(radio, second * 1_000_000, second * 1_000_000 + 990_000))
+        if second == 2:
             assert radio.dirty == 2
             assert radio.memory.boot_counter == 8
             radio.kept(2, True)
-    assert (sent[-1].header.boot, sent[-1].header.sequence) == (8, 2)
+    numbers = [[(one.header.boot, one.header.sequence) for one in of_second] for of_second in sent]
+    assert numbers == [[(7, 2**24 - 1)], [], [(8, 1)], [(8, 2)]]
 
 
 def test_foreign_and_malformed_frames_are_dropped_and_counted_apart():
@@ -275,7 +288,7 @@ def test_a_listener_hears_the_fleet_it_was_asked_for_and_sends_no_state():
     radio = a_radio(robot=255)
     radio.usb_rx(0, hello(robot=255))
     send(radio, a_state(1))
-    assert sent_until(radio, 0, 900_000) == []
+    assert sent_until(radio, LISTENED_US, 900_000) == []
     hear(radio, 900_001, stop_frame(5, 1, 1, fleet=9))
     assert messages(radio, link.Heard)
     assert radio.counters.send_failed == 1
@@ -298,7 +311,7 @@ def test_a_provisioning_is_stored_answered_and_then_the_radio_restarts():
     radio = a_radio(robot=3, peer_boots=tuple(range(64)))
     radio.usb_rx(0, link.encode_message(provision()))
     send(radio, a_state(1))
-    assert sent_until(radio, 0, 900_000) == []
+    assert sent_until(radio, LISTENED_US, 900_000) == []
     assert (radio.dirty, radio.wants_restart) == (15, False)
     assert messages(radio, link.Provisioned) == []
     radio.kept(15, True)
@@ -360,14 +373,14 @@ def test_noise_and_malformed_messages_from_the_host_are_counted_and_survived():
     counters = radio.counters
     assert (counters.usb_skipped_bytes, counters.usb_bad_checksums) == (5 + len(broken), 1)
     assert counters.dropped_usb == 2
-    assert len(sent_until(radio, 0, 500_000)) == 1
+    assert len(sent_until(radio, LISTENED_US, 500_000)) == 1
 
 
 def test_messages_may_arrive_in_any_pieces():
     radio = a_radio()
     for byte in link.encode_message(link.SendBody(air.STATE, codec.encode_body(a_state(8)))):
-        radio.usb_rx(0, bytes([byte]))
-    assert sent_until(radio, 0, 500_000)[0].body.x_cm == 8
+        radio.usb_rx(LISTENED_US, bytes([byte]))
+    assert sent_until(radio, LISTENED_US, 500_000)[0].body.x_cm == 8
 
 
 def test_the_binding_names_a_value_that_does_not_fit():

@@ -84,8 +84,8 @@ def test_the_largest_state_goes_out_sealed_in_250_bytes():
     sealed = sealed_frame(1, 1, 1, largest)
     assert len(sealed) == 16 + len(body) + 8 <= air.MAX_FRAME
     radio = a_keyed(robot=1, slots=64, round_ms=300)
-    send(radio, largest)
-    (frame,) = air_frames(radio, 0, 2_000_000)
+    send(radio, largest, 900_000)
+    (frame,) = air_frames(radio, 900_000, 2_000_000)
     assert len(frame) == len(sealed)
 
 

@@ -20,7 +20,8 @@
 /* cdef: begin */
 enum {
     RC_IN_FLIGHT_TIMEOUT_US = 50000, /* the driver's callback can stay away */
-    RC_STATUS_PERIOD_US = 1000000
+    RC_STATUS_PERIOD_US = 1000000,
+    RC_STATE_ROUNDS = 1 /* a STATE that waited longer is not sent */
 };
 
 /* Parts of rc_memory, for rc_dirty and rc_kept. */
@@ -128,6 +129,7 @@ struct rc_radio {
     uint32_t round;          /* of fleet time, present */
     bool round_told;         /* the host was told that this round was observed */
     uint64_t turn_used;      /* 3 * round + phase + 1 of our last slotted frame */
+    uint64_t state_since_us; /* since when the STATE waits */
     uint64_t state_round;    /* of our last STATE, + 1: one a round */
     uint64_t tasks_since_us; /* since when TASKS wait */
     rc_cobs_decoder from_host;

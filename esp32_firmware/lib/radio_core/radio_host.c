@@ -80,6 +80,8 @@ static void on_send(rc_radio *rc, uint64_t now_us, const rc_send *send) {
         rc->counters.send_failed++;
         return;
     }
+    if (send->kind == RC_STATE)
+        rc->state_since_us = now_us;
     if (send->kind == RC_TASKS && rc->outbox.count == 0)
         rc->tasks_since_us = now_us;
     switch (rc_outbox_put(&rc->outbox, send->kind, send->body, send->length)) {

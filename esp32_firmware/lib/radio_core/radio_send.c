@@ -46,11 +46,16 @@ static size_t take_stop(rc_radio *rc, uint64_t now_us, uint8_t *kind, uint8_t *b
     return rc_stop_encode(&stop, body);
 }
 
-static size_t take_state(rc_radio *rc, uint8_t *kind, uint8_t *body) {
+static size_t take_state(rc_radio *rc, uint64_t now_us, uint8_t *kind, uint8_t *body) {
     uint64_t round = (uint64_t)rc->round + 1;
     size_t n = rc->state_round == round ? 0 : rc_outbox_take_state(&rc->outbox, body);
     if (n == 0)
         return 0;
+    /* A vote must not travel longer than its host reckons with (DELAY_ROUNDS in fleet/timing.py). */
+    if (now_us - rc->state_since_us > RC_STATE_ROUNDS * (uint64_t)rc_round_us(rc)) {
+        rc->counters.send_failed++;
+        return 0;
+    }
     rc->state_round = round;
     *kind = RC_STATE;
     rc_state_put_heard(body, rc_relay_heard_bits(&rc->relay));
@@ -74,7 +79,7 @@ static size_t take_relay(rc_radio *rc, uint8_t *kind, uint8_t *body) {
 /* What goes out in our turn: STATE first, late ones instead of a relay; TASKS that wait longer than a round
  * go in RELAY-2, else where nobody needs a row. */
 static size_t take_for_turn(rc_radio *rc, uint64_t now_us, uint8_t phase, uint8_t *kind, uint8_t *body) {
-    size_t n = take_state(rc, kind, body);
+    size_t n = take_state(rc, now_us, kind, body);
     if (n > 0 || phase == 0)
         return n;
     bool patient = phase == 1 || now_us - rc->tasks_since_us < rc_round_us(rc);

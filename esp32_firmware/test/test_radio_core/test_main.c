@@ -31,7 +31,7 @@ void tearDown(void) {
 
 static void host_sends(const uint8_t *payload, size_t n) {
     uint8_t framed[RC_LINK_MAX_ENCODED];
-    rc_usb_rx(&radio, 0, framed, rc_cobs_encode(payload, n, framed));
+    rc_usb_rx(&radio, LISTENED_US, framed, rc_cobs_encode(payload, n, framed));
 }
 
 static size_t host_sends_state(void) {
