@@ -22,7 +22,7 @@ from hippomat_core.wire.link import HelloReply, LinkMessage, decode_message, enc
 from hippomat_host.acceptance import radio_behind
 from hippomat_host.identify import ASK, LISTEN_NS, Identifier
 from hippomat_host.probe import identify
-from hippomat_host.serial_port import open_port, read_port, write_port
+from hippomat_host.serial_port import RADIO_BAUD, open_port, read_port, write_port
 
 ANSWER_S = 1.0
 _STALE_S = 0.1  # what the radio had ready for whoever asks next comes at once
@@ -63,7 +63,7 @@ class Conversation:
         self._heard: deque[LinkMessage] = deque()
 
     def _open(self, listen_ns: int) -> HelloReply:
-        self._fd = open_port(self.path)
+        self._fd = open_port(self.path, RADIO_BAUD)
         try:
             identifier = Identifier(time.monotonic_ns(), ASK, RADIO, listen_ns)
             reply = radio_behind(self.path, identify(self._fd, identifier))
@@ -82,7 +82,7 @@ class Conversation:
         self._restart_frames()
         while self._fd < 0:
             try:
-                self._fd = open_port(self.path)
+                self._fd = open_port(self.path, RADIO_BAUD)
             except PortError:  # gone, not yet ours (udev), or looked at by somebody else
                 if time.monotonic() >= until_s:
                     raise

@@ -2,7 +2,8 @@
 
 Pure: bytes and stamps in, bytes to write out; a shell (ports.py, links.py) reads and writes the port. A base
 speaks by itself, a radio answers Hello, a lidar answers GET_INFO. Nothing is written while listening, and
-what follows the identifying bytes belongs to the running phase.
+what follows the identifying bytes belongs to the running phase. A base and a lidar speak 115200 baud, a radio
+behind a UART bridge 921600; the shell sets the speed that is asked for.
 """
 
 from __future__ import annotations
@@ -25,11 +26,13 @@ from hippomat_core.wire.link import (
     encode_message,
 )
 from hippomat_host.radio_words import firmware, who
+from hippomat_host.serial_port import BAUD, RADIO_BAUD
 
 LISTEN_NS = 400_000_000
 ANSWER_NS = 250_000_000
 HELLO_TRIES = 3
 INFO_TRIES = 2
+BASE_NS = 150_000_000  # a base speaks every 20 ms
 STOP_NS = 20_000_000  # a lidar needs a moment between STOP and the next request
 UNKNOWN = 255
 
@@ -54,17 +57,18 @@ class Identity:
 
 
 class Identifier:
-    """One attempt to identify. Call poll() when due_ns is reached and feed() with what was read."""
+    """One attempt to identify. Call poll() when due_ns is reached and feed() with what was read.
+
+    `baud` is the speed that the port has to have, from the start and before what poll() returns is written.
+    """
 
     def __init__(self, now_ns: int, hello: Hello, expected: int, listen_ns: int = LISTEN_NS) -> None:
-        """expected: the port asked for; a lidar is asked first where a lidar should be."""
+        """expected: the port asked for, or UNKNOWN; what should be there is asked first, in its own speed."""
         self.identity: Identity | None = None
         self.leftover = b""  # bytes read behind the identifying ones
         self.due_ns = now_ns + listen_ns
-        radio = [(b"\0" + encode_message(hello), ANSWER_NS)] * HELLO_TRIES  # 0x00 ends whatever came before
-        info = [(rplidar.request(rplidar.GET_INFO), ANSWER_NS)] * INFO_TRIES
-        lidar = [(rplidar.request(rplidar.STOP), STOP_NS), *info]
-        self._script = [*lidar, *radio] if expected == LIDAR else [*radio, *lidar]
+        self.baud = RADIO_BAUD if expected == RADIO else BAUD
+        self._script = _script(hello, expected)
         self._heard = 0
         self._base = jetbot_base.Decoder()
         self._frames = FrameDecoder()
@@ -78,7 +82,7 @@ class Identifier:
             text = f"{self._heard} bytes that no radio, base or lidar sends" if self._heard else "silent"
             self.identity = Identity(UNKNOWN, text)
             return b""
-        data, wait_ns = self._script.pop(0)
+        self.baud, data, wait_ns = self._script.pop(0)
         self.due_ns = now_ns + wait_ns
         return data
 
@@ -102,6 +106,18 @@ class Identifier:
         if self._tail.startswith(rplidar.INFO_DESCRIPTOR):
             info = rplidar.find_info(self._tail)
             self.identity = Identity(LIDAR, str(info)) if info is not None else self.identity
+
+
+def _script(hello: Hello, expected: int) -> list[tuple[int, bytes, int]]:
+    """Speed, what is written, and how long an answer may take."""
+    asked = b"\0" + encode_message(hello)  # 0x00 ends whatever came before
+    radio = [(BAUD, asked, ANSWER_NS)] * HELLO_TRIES
+    fast = [(RADIO_BAUD, asked, ANSWER_NS)] * HELLO_TRIES
+    info = [(BAUD, rplidar.request(rplidar.GET_INFO), ANSWER_NS)] * INFO_TRIES
+    lidar = [(BAUD, rplidar.request(rplidar.STOP), STOP_NS), *info]
+    if expected == RADIO:
+        return [*fast, (BAUD, b"", BASE_NS), *lidar]
+    return [*lidar, *radio, *fast] if expected == LIDAR else [*radio, *lidar, *fast]
 
 
 def _radio_identity(payload: bytes) -> Identity | None:

@@ -17,7 +17,7 @@ from hippomat_core.messages import LIDAR
 from hippomat_core.wire.link import Hello
 from hippomat_host.happenings import LOST, NOTE, OPENED, READ, Exchanged, Happening
 from hippomat_host.identify import Identifier, Identity
-from hippomat_host.serial_port import motor_off, motor_on, open_port, read_port, write_port
+from hippomat_host.serial_port import motor_off, motor_on, open_port, read_port, set_speed, write_port
 from hippomat_logs.records import FROM_DEVICE, TO_DEVICE
 
 FIRST_RETRY_NS = 100_000_000
@@ -142,9 +142,10 @@ class SerialLink:
         self._fd, self._identifier, self._unwritten = -1, None, b""
 
     def _open(self, now_ns: int) -> None:
-        self._fd = open_port(self.path)
+        identifier = Identifier(now_ns, self._hello, self.port)
+        self._fd = open_port(self.path, identifier.baud)
         self._exchanged = []
-        self._identifier = Identifier(now_ns, self._hello, self.port)
+        self._identifier = identifier
         self._due_ns = self._identifier.due_ns
 
     def _identify(self, identifier: Identifier, now_ns: int) -> Iterator[Happening]:
@@ -152,7 +153,10 @@ class SerialLink:
         taken = data[: identifier.feed(data)]
         if taken:
             self._exchanged.append(Exchanged(now_ns, FROM_DEVICE, taken))
+        baud = identifier.baud
         asked = identifier.poll(now_ns)
+        if identifier.baud != baud:
+            set_speed(self._fd, identifier.baud)
         if asked:
             self._exchanged.append(Exchanged(now_ns, TO_DEVICE, asked))
             write_port(self._fd, asked)

@@ -12,7 +12,6 @@ from rich.table import Table
 from serial.tools.list_ports import comports
 
 from hippomat_core.errors import PortError
-from hippomat_core.messages import RADIO
 from hippomat_host.acceptance import FLAGS
 from hippomat_host.identify import ASK, UNKNOWN
 from hippomat_host.probe import probe
@@ -57,7 +56,7 @@ def list_ports(paths: Sequence[str]) -> int:
 def _found(path: str) -> Found:
     names = _names(path)
     try:
-        identity = probe(path, ASK, RADIO)
+        identity = probe(path, ASK, UNKNOWN)
     except BusyPort as error:
         who = "another user's process" if error.owner is None else "process {}: {}".format(*error.owner)
         return Found(path, "busy", f"in use by {who}", "", names)

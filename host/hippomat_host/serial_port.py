@@ -1,4 +1,4 @@
-"""Open a serial device for one process alone: raw 115200 8N1, never blocking. Knows termios, no protocol.
+"""Open a serial device for one process alone: raw 8N1, never blocking. Knows termios, no protocol.
 
 Light on purpose: the motor guard starts with it. Works on USB serial adapters and on pseudo-terminals, which
 have no control lines (TIOCMBIC answers ENOTTY) and keep TIOCEXCL beyond our death, so they only get the lock.
@@ -18,6 +18,9 @@ from hippomat_core.errors import PortError
 
 STABLE_NAMES = ("/dev/hippomat-radio", "/dev/hippomat-base", "/dev/hippomat-lidar")
 _PATTERNS = ("/dev/ttyACM*", "/dev/ttyUSB*")
+BAUD = 115_200  # base and lidar
+RADIO_BAUD = 921_600  # a radio behind a UART bridge (hal_uart.c); USB has no speed
+_SPEEDS = {BAUD: termios.B115200, RADIO_BAUD: termios.B921600}
 _PSEUDO = "/dev/pts/"
 _DTR = struct.pack("I", termios.TIOCM_DTR)
 
@@ -43,7 +46,7 @@ def present_ports() -> list[str]:
     return [*named, *sorted(path for pattern in _PATTERNS for path in glob.glob(pattern))]
 
 
-def open_port(path: str) -> int:
+def open_port(path: str, baud: int = BAUD) -> int:
     """A file descriptor of `path`, ours alone; raises PortError in one line that says what to do."""
     try:
         fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -51,7 +54,7 @@ def open_port(path: str) -> int:
         raise _why_not(path, error) from None
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        _set_raw(fd)
+        set_raw(fd, baud)
         _alone(fd)
     except BlockingIOError:
         os.close(fd)
@@ -63,6 +66,25 @@ def open_port(path: str) -> int:
         os.close(fd)
         raise PortError(f"{path} cannot be used: {error.strerror or error}") from None
     return fd
+
+
+def set_raw(fd: int, baud: int) -> None:
+    """Raw 8N1 at this speed from now on. Raises termios.error where `fd` is no serial port."""
+    attributes = termios.tcgetattr(fd)
+    control = attributes[6]
+    control[termios.VMIN], control[termios.VTIME] = 1, 0  # with 0, "nothing yet" reads like a hang-up
+    # CLOCAL: no modem. No HUPCL: closing must neither reset the ESP32 nor start a lidar's motor.
+    flags = termios.CS8 | termios.CREAD | termios.CLOCAL
+    raw = [0, 0, flags, 0, _SPEEDS[baud], _SPEEDS[baud], control]
+    termios.tcsetattr(fd, termios.TCSANOW, raw)  # TCSAFLUSH would drop what is already there
+
+
+def set_speed(fd: int, baud: int) -> None:
+    """Another speed for a port that is open; raises OSError once the device is gone."""
+    try:
+        set_raw(fd, baud)
+    except termios.error as error:
+        raise OSError(*error.args) from None
 
 
 def motor_on(fd: int) -> None:
@@ -153,16 +175,6 @@ def _why_not(path: str, error: OSError) -> PortError:
     if error.errno == errno.EBUSY:
         return BusyPort(path, owner_of(path))
     return PortError(f"{path} cannot be opened: {error.strerror or error}")
-
-
-def _set_raw(fd: int) -> None:
-    attributes = termios.tcgetattr(fd)
-    control = attributes[6]
-    control[termios.VMIN], control[termios.VTIME] = 1, 0  # with 0, "nothing yet" reads like a hang-up
-    # CLOCAL: no modem. No HUPCL: closing must neither reset the ESP32 nor start a lidar's motor.
-    flags = termios.CS8 | termios.CREAD | termios.CLOCAL
-    raw = [0, 0, flags, 0, termios.B115200, termios.B115200, control]
-    termios.tcsetattr(fd, termios.TCSANOW, raw)  # TCSAFLUSH would drop what is already there
 
 
 def _alone(fd: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import termios
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,8 @@ from hippomat_core.messages import BASE, LIDAR, RADIO
 from hippomat_core.wire import jetbot_base, rplidar
 from hippomat_core.wire.link import encode_message
 from hippomat_host.acceptance import accept, hello_of
-from hippomat_host.identify import LISTEN_NS, UNKNOWN, Identifier, Identity
+from hippomat_host.conversation import Conversation
+from hippomat_host.identify import ASK, LISTEN_NS, UNKNOWN, Identifier, Identity
 from hippomat_host.probe import probe
 
 HELLO = hello_of_robot(2)
@@ -61,17 +63,67 @@ def test_a_device_is_known_behind_noise_in_any_chunking_and_no_byte_behind_is_lo
     assert rest == after
 
 
-@pytest.mark.parametrize("expected", [RADIO, LIDAR])
-def test_nothing_is_asked_while_listening_and_everything_is_tried_before_giving_up(expected: int) -> None:
+SLOW, FAST = 115_200, 921_600
+
+
+@pytest.mark.parametrize(
+    ("expected", "asks"),
+    [
+        (RADIO, [(FAST, "hello", 3), (SLOW, "", 1), (SLOW, "info", 1)]),
+        (BASE, [(SLOW, "hello", 3), (SLOW, "info", 1), (FAST, "hello", 3)]),
+        (UNKNOWN, [(SLOW, "hello", 3), (SLOW, "info", 1), (FAST, "hello", 3)]),
+        (LIDAR, [(SLOW, "info", 1), (SLOW, "hello", 3), (FAST, "hello", 3)]),
+    ],
+)
+def test_nothing_is_asked_while_listening_and_everything_is_tried_before_giving_up(
+    expected: int, asks: list[tuple[int, str, int]]
+) -> None:
     identifier = Identifier(0, HELLO, expected)
+    assert identifier.baud == asks[0][0]
     assert identifier.poll(LISTEN_NS - 1) == b""
     asked = []
     while identifier.identity is None:
-        asked.append(identifier.poll(identifier.due_ns))
-    hello, stop, info = b"\0" + encode_message(HELLO), b"\xa5\x25", b"\xa5\x50"
-    radio, lidar = [hello] * 3, [stop, info, info]
-    assert asked[:-1] == ([*radio, *lidar] if expected == RADIO else [*lidar, *radio])
+        data = identifier.poll(identifier.due_ns)
+        asked.append((identifier.baud, data))
+    said = {
+        "hello": [b"\0" + encode_message(HELLO)],
+        "info": [b"\xa5\x25", b"\xa5\x50", b"\xa5\x50"],
+        "": [b""],
+    }
+    assert asked[:-1] == [(baud, data) for baud, what, times in asks for data in said[what] * times]
     assert identifier.identity == Identity(UNKNOWN, "silent")
+
+
+def speed_of(device: Device) -> int:
+    """What the last process that opened the port set."""
+    return int(termios.tcgetattr(device.fd)[5])
+
+
+def test_a_port_has_the_speed_of_what_is_behind_it(tmp_path: Path) -> None:
+    radio, lidar = Radio(tmp_path / "radio"), Lidar(tmp_path / "lidar")
+    with plugged(radio, lidar):
+        assert probe(str(radio.link), ASK, RADIO).port == RADIO
+        assert speed_of(radio) == termios.B921600
+        Conversation(str(radio.link)).close()
+        assert speed_of(radio) == termios.B921600
+        assert probe(str(lidar.link), ASK, RADIO).port == LIDAR
+        assert speed_of(lidar) == termios.B115200
+
+
+class FastRadio(Radio):
+    """Behind a UART bridge: in another speed it hears nothing."""
+
+    def hears(self, data: bytes) -> None:
+        if speed_of(self) == termios.B921600:
+            super().hears(data)
+
+
+def test_a_radio_behind_a_bridge_is_found_whatever_was_looked_for(tmp_path: Path) -> None:
+    radio = FastRadio(tmp_path / "radio")
+    radio.passes = lambda _: None  # type: ignore[method-assign]
+    with plugged(radio):
+        for expected in (RADIO, BASE, UNKNOWN):
+            assert probe(str(radio.link), ASK, expected).port == RADIO
 
 
 def test_a_radios_status_alone_is_no_answer() -> None:
