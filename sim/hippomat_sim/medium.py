@@ -130,11 +130,6 @@ class Medium:
                 return self._ended(transmission)
         return None
 
-    def rssi_dbm(self, sender: int, receiver: int) -> int:
-        """Signal strength of one frame: log-distance path loss and a random part."""
-        _, _, noise_db = self._fates.draw()
-        return int(_as_rssi(self._mean_dbm[sender] + noise_db)[receiver])
-
     def _ended(self, transmission: Transmission) -> Ended:
         """Decides who receives it."""
         sender, at_us = transmission.sender, transmission.end_us

@@ -141,8 +141,13 @@ def test_the_loss_rate_is_what_was_asked_for_on_every_link() -> None:
 def test_signal_falls_with_distance() -> None:
     medium = Medium(3, AirSettings(), seed=1)
     medium.positions_m = [(0.0, 0.0), (1.0, 0.0), (30.0, 0.0)]
-    near = sum(medium.rssi_dbm(0, 1) for _ in range(50)) / 50
-    far = sum(medium.rssi_dbm(0, 2) for _ in range(50)) / 50
+    heard: dict[int, list[int]] = {1: [], 2: []}
+    for number in range(50):
+        medium.send(number * 10_000, 0, bytes(20))
+        while (happening := medium.pop((number + 1) * 10_000 - 1)) is not None:
+            if isinstance(happening, Heard):
+                heard[happening.receiver].append(happening.rssi_dbm)
+    near, far = sum(heard[1]) / len(heard[1]), sum(heard[2]) / len(heard[2])
     assert near == pytest.approx(-40, abs=2)
     assert far == pytest.approx(near - 22 * math.log10(30), abs=3)
 
