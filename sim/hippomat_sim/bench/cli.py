@@ -11,7 +11,8 @@ from hippomat_core.errors import HippomatError
 from hippomat_sim.entry import guarded
 
 _EPILOG = """\
-exit codes: 0 all targets met; 1 a target was missed, or wrong usage
+exit codes: 0 all judged targets met; 1 wrong usage, nothing was run; 2 a judged target was missed
+(a target that was set for other runs than the one asked for is listed as not judged)
 
 examples:
   hippomat-bench radio

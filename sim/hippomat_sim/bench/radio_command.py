@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
+import tempfile
 from pathlib import Path
 
 from rich.console import Console
@@ -14,26 +16,44 @@ from hippomat_core.errors import ConfigError
 from hippomat_sim.bench.radio_plain import HABITS, LONGEST_S, run_plain
 from hippomat_sim.bench.radio_report import RadioReport, as_json, show
 from hippomat_sim.bench.radio_run import OurFigures, RadioRun, Traffic
-from hippomat_sim.bench.radio_settings import RadioSettings, checked
+from hippomat_sim.bench.radio_settings import RadioSettings, checked, ranges_of, shown
 from hippomat_sim.bench.radio_targets import targets_of
+
+MISSED = 2
+PLOT_SUFFIXES = (".png", ".pdf", ".svg")
 
 
 def run(options: argparse.Namespace) -> int:
-    """The exit code: 1 when a target was missed."""
+    """The exit code: MISSED when a target was."""
     settings = checked(_settings(options))
-    if options.plot is not None and not options.plot.resolve().parent.is_dir():
-        raise ConfigError(f"--plot {options.plot}: there is no directory {options.plot.parent}")
+    if options.plot is not None:
+        check_plot(options.plot)
     ours, plain = _measure(settings, options.plain)
     report = RadioReport(settings, ours, plain, targets_of(settings, ours))
-    if options.plot is not None:
-        from hippomat_sim.bench.radio_plot import draw  # here, because matplotlib loads slowly
-
-        draw(settings, ours, options.plot)
     if options.json:
         print(json.dumps(as_json(report)))
     else:
         show(report, Console(highlight=False))
-    return 0 if report.met else 1
+    if options.plot is not None:
+        from hippomat_sim.bench.radio_plot import draw  # here, because matplotlib loads slowly
+
+        draw(settings, ours, options.plot)
+        print(f"written: {options.plot}", file=sys.stderr if options.json else sys.stdout)
+    return 0 if report.met else MISSED
+
+
+def check_plot(path: Path) -> None:
+    """ConfigError where draw() could not write there; before a run of an hour, not after it."""
+    if path.suffix.lower() not in PLOT_SUFFIXES:
+        raise ConfigError(f"--plot {path}: the name must end in {', '.join(PLOT_SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise ConfigError(f"--plot {path}: there is no directory {path.parent}")
+    if path.is_dir() or (path.exists() and not os.access(path, os.W_OK)):
+        raise ConfigError(f"--plot {path}: cannot be overwritten")
+    try:
+        tempfile.TemporaryFile(dir=path.parent).close()
+    except OSError as error:
+        raise ConfigError(f"--plot {path}: cannot write into {path.parent}: {error.strerror}") from error
 
 
 def _measure(settings: RadioSettings, with_plain: bool) -> tuple[OurFigures, dict[str, Traffic]]:
@@ -51,6 +71,7 @@ def _measure(settings: RadioSettings, with_plain: bool) -> tuple[OurFigures, dic
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What _settings() reads."""
     default = RadioSettings()
+    ranges = ranges_of(default)
     numbers: tuple[tuple[str, type, float | None, str, str], ...] = (
         ("--nodes", int, default.nodes, "N", "radios"),
         ("--rate", float, default.rate_hz, "HZ", "rounds a second"),
@@ -75,15 +96,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         ("--seed", int, default.seed, "N", "of clocks, losses, hidden pairs and faults"),
     )
     for option, of_type, value, metavar, text in numbers:
-        shown = f"{text} (default {value or 0:g})"
-        parser.add_argument(option, type=of_type, default=value, metavar=metavar, help=shown)
+        _, allowed = ranges[option]
+        line = f"{text}, {allowed.shown} (default {shown(value or 0)})"
+        parser.add_argument(option, type=of_type, default=value, metavar=metavar, help=line)
     add = parser.add_argument
     choices = ("none", "link", "receiver")
     add("--bursts", choices=choices, default="none", help="lose frames in bursts, of a link or of a receiver")
     script = "every minute a death with return, a reboot and a partition of 10 s; --late 0.1 unless given"
     add("--faults", action="store_true", help=script)
     add("--no-plain", dest="plain", action="store_false", help="our schedule only")
-    add("--plot", type=Path, metavar="PNG", help="draw how well the fleet times agreed")
+    add("--plot", type=Path, metavar="FILE", help="draw how well the fleet times agreed: png, pdf, svg")
     add("--json", action="store_true", help="one JSON object instead of tables")
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from hippomat_sim.bench.radio_settings import SETTLING_US, RadioSettings
+from hippomat_sim.bench.radio_settings import RadioSettings
 
 Kind: TypeAlias = Literal["kill", "boot", "part", "heal"]
 
@@ -24,32 +24,52 @@ class Fault:
     stations: tuple[int, ...] = ()
 
 
+class Living:
+    """Who dies for good when, and who lives at a time."""
+
+    def __init__(self, settings: RadioSettings, rng: random.Random, start_us: int, end_us: int) -> None:
+        self._nodes = settings.nodes
+        latest_us = end_us - settings.settling_us
+        doomed = rng.sample(range(settings.nodes), settings.deaths)
+        self.death_us = {station: _some_time(rng, start_us, latest_us) for station in doomed}
+
+    def at(self, at_us: int) -> list[int]:
+        return [k for k in range(self._nodes) if k not in self.death_us or self.death_us[k] > at_us]
+
+
 def faults_of(settings: RadioSettings, start_us: int, end_us: int) -> list[Fault]:
-    """In order of time; the same for the same seed."""
+    """In order of time; the same for the same seed. Nobody who died for good is ever booted again."""
     rng = random.Random(f"faults {settings.seed}")
-    faults = [*_script(settings, rng, start_us, end_us)] if settings.script else []
-    faults += _counted(settings, rng, start_us, end_us)
+    living = Living(settings, rng, start_us, end_us)
+    faults = [*_script(settings, rng, living, start_us, end_us)] if settings.script else []
+    faults += _counted(settings, rng, living, start_us, end_us)
     return sorted(faults)
 
 
-def _script(settings: RadioSettings, rng: random.Random, start_us: int, end_us: int) -> Iterator[Fault]:
+def _script(
+    settings: RadioSettings, rng: random.Random, living: Living, start_us: int, end_us: int
+) -> Iterator[Fault]:
     """Every minute a death with return, a reboot (every other time of the lowest id), and a partition."""
     for count, begin_us in enumerate(range(start_us, end_us, _SCRIPT_US)):
-        dead = (rng.randrange(settings.nodes),)
-        rebooted = (0 if count % 2 else rng.randrange(settings.nodes),)
+        return_us, reboot_us = begin_us + 3_000_000 + _DEAD_US, begin_us + 20_000_000
+        dead = (rng.choice(living.at(return_us)),)
+        there = living.at(reboot_us)
+        rebooted = (there[0] if count % 2 else rng.choice(there),)
         yield Fault(begin_us + 3_000_000, "kill", dead)
-        yield Fault(begin_us + 3_000_000 + _DEAD_US, "boot", dead)
-        yield Fault(begin_us + 20_000_000, "boot", rebooted)
+        yield Fault(return_us, "boot", dead)
+        yield Fault(reboot_us, "boot", rebooted)
         yield from _partition(settings, rng, begin_us + 35_000_000, _PARTITION_US)
 
 
-def _counted(settings: RadioSettings, rng: random.Random, start_us: int, end_us: int) -> Iterator[Fault]:
+def _counted(
+    settings: RadioSettings, rng: random.Random, living: Living, start_us: int, end_us: int
+) -> Iterator[Fault]:
     """As many of each as asked for, spread over the run; a partition lasts half of its share of it."""
-    latest_us = end_us - SETTLING_US
-    for station in rng.sample(range(settings.nodes), settings.deaths):
-        yield Fault(_some_time(rng, start_us, latest_us), "kill", (station,))
+    for station, death_us in living.death_us.items():
+        yield Fault(death_us, "kill", (station,))
     for _ in range(settings.reboots):
-        yield Fault(_some_time(rng, start_us, latest_us), "boot", (rng.randrange(settings.nodes),))
+        at_us = _some_time(rng, start_us, end_us - settings.settling_us)
+        yield Fault(at_us, "boot", (rng.choice(living.at(at_us)),))
     for k in range(settings.partitions):
         span_us = (end_us - start_us) // settings.partitions // _GRID_US * _GRID_US
         yield from _partition(settings, rng, start_us + k * span_us, span_us // 2)

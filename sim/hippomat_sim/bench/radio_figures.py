@@ -11,20 +11,23 @@ from numpy.typing import NDArray
 
 from hippomat_core.wire.frames import RELAY, STATE
 from hippomat_sim.air import Ended
-from hippomat_sim.bench.radio_settings import SETTLING_US
 
 _OFF_US = 2**62
+_SLACK = 0.999  # of a span of time: rounds follow clocks that are a little off
 
 
 class Expectation:
-    """Who should hear whom: stations that are on, and links that are open, both for SETTLING_US."""
+    """Who should hear whom: stations that are on, and links that are open, both for settling_us."""
 
-    def __init__(self, hears: NDArray[np.bool_]) -> None:
+    def __init__(self, hears: NDArray[np.bool_], settling_us: int, round_us: int) -> None:
         """hears: (S, S) [sender, receiver] pairs that are not hidden from each other."""
+        self._settling_us, self._round_us = settling_us, round_us
         stations = len(hears)
         self._hears = hears
         self._on_since_us = np.full(stations, _OFF_US)
-        self._linked_since_us = np.full((stations, stations), -SETTLING_US)
+        self._linked_since_us = np.full((stations, stations), -settling_us)
+        self._settled_since_us = np.full(stations, _OFF_US)
+        self._rounds_before = np.zeros(stations, np.int64)  # of spans that are over
         nobody: NDArray[np.bool_] = np.zeros((stations, stations), bool)
         self.direct = nobody  # [sender, receiver]
         self.rows = nobody  # [holder, row], its own included
@@ -46,11 +49,27 @@ class Expectation:
 
     def update(self, now_us: int, before_change: Callable[[], None]) -> None:
         """What holds from now on; before_change is called while the old still holds, if anything changes."""
-        settled = self._on_since_us <= now_us - SETTLING_US
-        linked = (self._linked_since_us <= now_us - SETTLING_US) & settled & settled[:, None]
+        settled = self._on_since_us <= now_us - self._settling_us
+        linked = (self._linked_since_us <= now_us - self._settling_us) & settled & settled[:, None]
         if (linked != self.rows).any():
             before_change()
+            self._count(settled, now_us)
             self.rows, self.direct = linked, linked & self._hears
+
+    def _count(self, settled: NDArray[np.bool_], now_us: int) -> None:
+        before = self._settled_since_us < _OFF_US
+        self._rounds_before[before & ~settled] += self._rounds_since(now_us)[before & ~settled]
+        self._settled_since_us[settled & ~before] = now_us
+        self._settled_since_us[~settled] = _OFF_US
+
+    def _rounds_since(self, now_us: int) -> NDArray[np.int64]:
+        spans_us = np.maximum(now_us - self._settled_since_us, 0)
+        rounds: NDArray[np.int64] = (_SLACK * spans_us / self._round_us).astype(np.int64)
+        return rounds
+
+    def rounds_due(self, now_us: int) -> NDArray[np.int64]:
+        """(S,) the whole rounds for which each station was settled, from the time alone."""
+        return self._rounds_before + self._rounds_since(now_us)
 
     def groups(self) -> list[NDArray[np.int64]]:
         """The settled stations, those together that expect the same rows."""
@@ -68,6 +87,7 @@ class DirectDelivery:
         self._expected = expected
         self.due = np.zeros((stations, stations), np.int64)  # [sender, receiver], STATE
         self.got = np.zeros((stations, stations), np.int64)
+        self.sent = np.zeros(stations, np.int64)  # STATEs of settled stations
         self.frames = {STATE: 0, RELAY: 0}
         self.bytes = {STATE: 0, RELAY: 0}
 
@@ -79,6 +99,7 @@ class DirectDelivery:
         self.bytes[kind] += len(ended.frame)
         if kind == STATE:
             row = self._expected.direct[ended.sender]
+            self.sent[ended.sender] += self._expected.rows[ended.sender, ended.sender]
             self.due[ended.sender] += row
             self.got[ended.sender, ended.receivers] += row[ended.receivers]
 
@@ -94,6 +115,7 @@ class Snapshots:
         self._expected = expected
         self.due = np.zeros((stations, stations), np.int64)  # [holder, row], without its own
         self.got = np.zeros((stations, stations), np.int64)
+        self.told = np.zeros(stations, np.int64)  # rounds, of settled stations
         self.judged = self.complete = self.wrong_rows = 0  # snapshots: one a robot and round
         self.rounds = self.identical = 0  # rounds of a group of robots
 
@@ -110,6 +132,7 @@ class Snapshots:
             self.got[holder] += (mine & due).sum(0)
             self.complete += int((mine | ~rows[holder]).all(1).sum())
             self.judged += len(mine)
+            self.told[holder] += len(mine)
         self.wrong_rows += int(told["wrong"].sum())
         for members in self._expected.groups():
             of_group = np.isin(station, members)
@@ -127,18 +150,23 @@ class Snapshots:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """Parts of 1: over everything, and of the pair that fares worst. NaN where nothing was due."""
+    """Parts of 1: over everything, and of the pair or station that fares worst. NaN where nothing was due."""
 
     mean: float
     worst: float
 
 
 def share(got: NDArray[np.int64], due: NDArray[np.int64]) -> Share:
-    """Of pairs with less than a second's rounds no share is taken."""
+    """The worst is taken of those with at least ten due, or of those with the most if none has ten."""
     if not due.sum():
         return Share(float("nan"), float("nan"))
     enough = due >= min(10, due.max())
     return Share(float(got.sum() / due.sum()), float((got[enough] / due[enough]).min()))
+
+
+def kept(done: NDArray[np.int64], due: NDArray[np.int64]) -> Share:
+    """The same by station, where more was done than due is no gain."""
+    return share(np.minimum(done, due), due)
 
 
 class Agreement:

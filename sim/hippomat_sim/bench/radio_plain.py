@@ -15,7 +15,7 @@ from typing import Literal, TypeAlias
 from hippomat_core.wire.frames import RELAY, STATE
 from hippomat_sim.bench.radio_figures import DirectDelivery, Expectation, share
 from hippomat_sim.bench.radio_run import Counter, OurFigures, Progress, Traffic, reach
-from hippomat_sim.bench.radio_settings import SETTLING_US, RadioSettings
+from hippomat_sim.bench.radio_settings import RadioSettings
 from hippomat_sim.medium import Medium
 
 Habit: TypeAlias = Literal["random jitter", "periodic"]
@@ -27,9 +27,9 @@ _Send: TypeAlias = tuple[int, int, bytes]  # time, station, frame
 def run_plain(settings: RadioSettings, ours: OurFigures, habit: Habit, progress: Progress) -> Traffic:
     """At most LONGEST_S of it, without faults."""
     medium = Medium(settings.nodes, settings.air(), settings.seed)
-    expected = Expectation(reach(settings))
+    expected = Expectation(reach(settings), settings.settling_us, settings.round_us)
     for station in range(settings.nodes):
-        expected.on(station, -SETTLING_US)
+        expected.on(station, -settings.settling_us)
     expected.update(0, lambda: None)
     delivery = DirectDelivery(expected)
     rounds = round(1e6 * min(settings.seconds, LONGEST_S)) // settings.round_us

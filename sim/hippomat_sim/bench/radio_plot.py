@@ -16,20 +16,21 @@ _COLUMNS = 600  # of samples that are drawn: each the median and the maximum of 
 
 
 def draw(settings: RadioSettings, ours: OurFigures, path: Path) -> None:
-    """Write the PNG."""
+    """Write the file; its suffix says of which kind. No samples: a picture without a curve."""
     figure = Figure(figsize=(9.0, 4.2), dpi=150, facecolor="white")
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.085, 0.13, 0.89, 0.71))
-    stretches = np.array_split(np.arange(len(ours.times_s)), min(_COLUMNS, len(ours.times_s)))
+    samples = len(ours.times_s)
+    stretches = np.array_split(np.arange(samples), min(_COLUMNS, samples)) if samples else []
     times_s = np.array([ours.times_s[stretch[0]] for stretch in stretches])
     median_us = np.array([np.median(ours.spreads_us[stretch]) for stretch in stretches])
     highest_us = np.array([ours.spreads_us[stretch].max() for stretch in stretches])
     axes.fill_between(times_s, median_us, highest_us, color="#9ecae1", label="up to the maximum", linewidth=0)
     axes.plot(times_s, median_us, color="#0072B2", linewidth=1.0, label="median")
     axes.axhline(MAX_AGREEMENT_US, color="#D55E00", linewidth=1.2, linestyle="--", label="target")
-    axes.set_xlim(0, max(float(ours.times_s[-1]), 1.0))
-    axes.set_ylim(0, 1.25 * max(MAX_AGREEMENT_US, float(ours.spreads_us.max())))
-    axes.set_xlabel("time since two seconds after the start [s]")
+    axes.set_xlim(0, max(float(ours.times_s.max(initial=0)), 1.0))
+    axes.set_ylim(0, 1.25 * max(MAX_AGREEMENT_US, float(ours.spreads_us.max(initial=0))))
+    axes.set_xlabel("time since the fleet settled [s]")
     axes.set_ylabel("widest difference of fleet time [us]")
     axes.grid(color="#e5e5e5", linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)

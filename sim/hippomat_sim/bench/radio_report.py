@@ -20,8 +20,11 @@ from hippomat_sim.bench.radio_targets import Target
 NOTES = (
     "direct: STATE frames that reach a station in reach of their sender, of those sent; with relays: rows "
     "that a robot holds at the end of the round, hidden pairs included; worst: of all pairs; airtime: of all "
-    "stations together, over the time; collided: receptions lost to collisions. The two others send as many "
-    f"frames of the same sizes on the same medium, for at most {LONGEST_S:.0f} s, without faults."
+    "stations together, over the time; collided: receptions lost to collisions."
+)
+PLAIN_NOTE = (
+    "The two others send as many frames of the same sizes on the same medium, "
+    f"for at most {LONGEST_S:.0f} s, without faults."
 )
 
 
@@ -36,28 +39,35 @@ class RadioReport:
 
     @property
     def met(self) -> bool:
-        return all(target.met for target in self.targets)
+        return not any(target.missed for target in self.targets)
 
 
 def show(report: RadioReport, console: Console) -> None:
     """Tables, targets, verdict."""
     console.print(_traffic_table(report))
-    console.print(Text(NOTES, style="dim"))
+    console.print(Text(f"{NOTES} {PLAIN_NOTE}" if report.plain else NOTES, style="dim"))
     console.print(_fleet_table(report.ours))
     console.print(_target_table(report.targets))
-    missed = [target.name for target in report.targets if not target.met]
-    if missed:
-        console.print(Text(f"missed: {', '.join(missed)}", style="bold red"))
-    else:
-        console.print(Text("all targets met", style="bold green"))
+    console.print(Text(verdict(report.targets), style="bold green" if report.met else "bold red"))
+
+
+def verdict(targets: Sequence[Target]) -> str:
+    """What was missed or that nothing was, and what nobody judged, with the reasons."""
+    judged = [target for target in targets if not target.not_judged]
+    missed = "; ".join(target.name for target in judged if target.missed)
+    said = f"missed: {missed}" if missed else f"all {len(judged)} judged targets met"
+    unjudged = "; ".join(f"{target.name} ({target.not_judged})" for target in targets if target.not_judged)
+    return f"{said}; not judged: {unjudged}" if unjudged else said
 
 
 def as_json(report: RadioReport) -> dict[str, Any]:
-    """What --json prints; NaN becomes null."""
+    """What --json prints; NaN becomes null, and so does `met` of a target that is not judged."""
     ours = asdict(report.ours)
     for series in ("times_s", "spreads_us"):
         del ours[series]
-    targets = [asdict(target) | {"met": target.met} for target in report.targets]
+    targets = [
+        asdict(target) | {"met": None if target.not_judged else target.met} for target in report.targets
+    ]
     plain = {name: asdict(traffic) for name, traffic in report.plain.items()}
     whole = {"settings": asdict(report.settings), "ours": ours, "plain": plain, "targets": targets}
     return _without_nan(whole | {"met": report.met})  # type: ignore[no-any-return]
@@ -72,46 +82,49 @@ def _without_nan(value: Any) -> Any:
 
 
 def _table(title: str, *columns: str) -> Table:
+    """The first column gives way where the terminal is narrow; what it says goes on in the next line."""
     table = Table(title=title, title_justify="left", title_style="bold")
     table.box, table.padding = SIMPLE_HEAD, (0, 1, 0, 0)
     for number, name in enumerate(columns):
-        table.add_column(name, justify="right" if number else "left", no_wrap=True)
+        table.add_column(name, justify="right" if number else "left", overflow="fold", no_wrap=number > 0)
     return table
 
 
 def _traffic_table(report: RadioReport) -> Table:
+    """A column for each way of sending: three of them fit where eight figures side by side do not."""
     settings, ours = report.settings, report.ours
     title = (
         f"{settings.nodes} nodes at {settings.rate_hz:g} Hz, {settings.tasks} tasks, {settings.seconds:g} s, "
         f"{settings.loss:.0%} loss, {settings.hidden:.0%} of the pairs hidden, seed {settings.seed}"
     )
-    columns = ("direct\n%", "worst\n%", "with\nrelays %", "worst\n%", "frames\na round", "airtime\n%")
-    table = _table(title, "sending", *columns, "collided")
-    rows = (f"{100 * ours.rows.mean:.2f}", f"{100 * ours.rows.worst:.2f}")
-    table.add_row("our schedule", *_traffic_row(ours.traffic, rows), style="bold")
-    for name, traffic in report.plain.items():
-        table.add_row(name, *_traffic_row(traffic, ("-", "-")))
+    table = _table(title, "sending", "ours", *report.plain)
+    sent = [ours.traffic, *report.plain.values()]
+    nothing = ["-"] * len(report.plain)
+    table.add_row("direct, %", *(_percent(one.direct.mean, 2) for one in sent))
+    table.add_row("direct, worst pair, %", *(_percent(one.direct.worst, 2) for one in sent))
+    table.add_row("with relays, %", _percent(ours.rows.mean, 2), *nothing)
+    table.add_row("with relays, worst pair, %", _percent(ours.rows.worst, 2), *nothing)
+    table.add_row("frames a round", *(f"{one.frames_per_round:.1f}" for one in sent))
+    table.add_row("airtime, %", *(_percent(one.airtime, 1) for one in sent))
+    table.add_row("collided", *(f"{one.collided}" for one in sent))
     return table
 
 
-def _traffic_row(traffic: Traffic, rows: tuple[str, str]) -> list[str]:
-    return [
-        f"{100 * traffic.direct.mean:.2f}",
-        f"{100 * traffic.direct.worst:.2f}",
-        *rows,
-        f"{traffic.frames_per_round:.1f}",
-        f"{100 * traffic.airtime:.1f}",
-        f"{traffic.collided}",
-    ]
+def _percent(share: float, digits: int) -> str:
+    """A share of 1; a dash where nothing was due."""
+    return "-" if math.isnan(share) else f"{100 * share:.{digits}f}"
 
 
 def _fleet_table(ours: OurFigures) -> Table:
     table = _table("our fleet", "what", "figure")
+    table.columns[1].no_wrap = False  # a list of STOPs is long
     median_us, p99_us, max_us = ours.agreement_us
-    table.add_row("complete snapshots", f"{100 * ours.complete:.3f} % of {ours.judged}")
+    table.add_row("complete snapshots", f"{_percent(ours.complete, 3)} % of {ours.judged}")
+    table.add_row("rounds that hosts are told", f"{_percent(ours.told.mean, 2)} %")
+    table.add_row("rounds in which STATE is sent", f"{_percent(ours.sent.mean, 2)} %")
     table.add_row("rounds in which all hold the same rows", f"{100 * ours.identical:.2f} %")
     table.add_row("rows that are not what was sent", f"{ours.wrong_rows}")
-    widest = f"{median_us:.0f} / {p99_us:.0f} / {max_us:.0f} us"
+    widest = "-" if math.isnan(max_us) else f"{median_us:.0f} / {p99_us:.0f} / {max_us:.0f} us"
     table.add_row("widest difference of fleet time: median / p99 / max", widest)
     table.add_row("steps back of fleet time", f"{ours.steps_back}")
     stops = ", ".join("not in 3 s" if math.isnan(stop) else f"{stop:.1f}" for stop in ours.stop_ms)
@@ -123,8 +136,13 @@ def _fleet_table(ours: OurFigures) -> Table:
 def _target_table(targets: Sequence[Target]) -> Table:
     table = _table("targets", "what", "measured", "required", "")
     for target in targets:
-        sign = ">=" if target.at_least else "<="
-        verdict = Text("met", style="green") if target.met else Text("missed", style="bold red")
-        required = f"{sign} {target.bound:g} {target.unit}"
-        table.add_row(target.name, f"{target.value:.6g} {target.unit}", required, verdict)
+        measured = "-" if math.isnan(target.value) else f"{target.value:.6g} {target.unit}"
+        required = f"{'>=' if target.at_least else '<='} {target.bound:g} {target.unit}"
+        table.add_row(target.name, measured, required, _verdict_on(target))
     return table
+
+
+def _verdict_on(target: Target) -> Text:
+    if target.not_judged:
+        return Text("not judged", style="dim")
+    return Text("met", style="green") if target.met else Text("missed", style="bold red")

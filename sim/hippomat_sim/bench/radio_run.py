@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +13,16 @@ from numpy.typing import NDArray
 from hippomat_core.wire.frames import RELAY, RESUME, STATE, STOP
 from hippomat_core.wire.link import Command, encode_message
 from hippomat_sim.bench.radio_faults import Fault, faults_of
-from hippomat_sim.bench.radio_figures import Agreement, DirectDelivery, Expectation, Share, Snapshots, share
-from hippomat_sim.bench.radio_settings import SETTLING_US, RadioSettings
+from hippomat_sim.bench.radio_figures import (
+    Agreement,
+    DirectDelivery,
+    Expectation,
+    Share,
+    Snapshots,
+    kept,
+    share,
+)
+from hippomat_sim.bench.radio_settings import RadioSettings
 from hippomat_sim.medium import Medium
 from hippomat_sim.radio.fleet import FleetSetup, RadioFleet
 
@@ -44,6 +52,8 @@ class OurFigures:
     relay_bytes: int
     relays_per_state: float
     rows: Share  # held by the end of the round, over all pairs that are not parted, directly or by relay
+    told: Share  # rounds of which the hosts are told, of those in the time of settled stations
+    sent: Share  # STATEs likewise
     complete: float
     identical: float
     judged: int
@@ -51,7 +61,7 @@ class OurFigures:
     agreement_us: tuple[float, float, float]  # median, 99th percentile, maximum of the widest difference
     steps_back: int
     stop_ms: tuple[float, ...]  # from each STOP raised until the last robot has it; NaN: not within 3 s
-    faults: int
+    faults: int  # that happened
     times_s: NDArray[np.float64]  # of the agreement's samples
     spreads_us: NDArray[np.int64]
 
@@ -89,12 +99,13 @@ class RadioRun:
             answer_us=(1000, round(1000 * settings.answer_ms)),
         )
         self._fleet = RadioFleet(setup)
-        self._expected = Expectation(reach(settings))
+        self._expected = Expectation(reach(settings), settings.settling_us, settings.round_us)
         for station, boot_us in self._fleet.boot_us.items():
             self._expected.on(station, boot_us)
-        self._begin_us = setup.boots_within_us + SETTLING_US
+        self._begin_us = setup.boots_within_us + settings.settling_us
         self._end_us = self._begin_us + round(1e6 * settings.seconds) // STEP_US * STEP_US
         self._faults = faults_of(settings, self._begin_us, self._end_us)
+        self._played = 0
         self._delivery = DirectDelivery(self._expected)
         self._snapshots = Snapshots(self._expected)
         self._agreement = Agreement(self._expected)
@@ -115,6 +126,7 @@ class RadioRun:
         self._judge()
         direct = share(self._delivery.got, self._delivery.due)
         traffic = counter.traffic(fleet.now_us, self._settings.round_us, direct)
+        self._rounds_due = self._expected.rounds_due(fleet.now_us)
         fleet.on_ended.clear()
         fleet.medium.heal()
         return self._figures(traffic, tuple(self._stops()))
@@ -136,6 +148,7 @@ class RadioRun:
 
     def _do(self, fault: Fault) -> None:
         fleet, expected = self._fleet, self._expected
+        self._played += 1
         for station in fault.stations if fault.kind in ("kill", "boot") else ():
             if fault.kind == "kill":
                 fleet.kill(station)
@@ -162,9 +175,8 @@ class RadioRun:
             self._fleet.run(began_us)
             self._fleet.tell(raiser, encode_message(Command(STOP, 0, 1)))
             self._fleet.run(began_us + _STOP_PATIENCE_US)
-            times_us = [self._fleet.stopped_us()[station] for station in self._fleet.boot_us]
-            reached_us = [time_us for time_us in times_us if time_us is not None]
-            yield (max(reached_us) - began_us) / 1000 if len(reached_us) == len(times_us) else math.nan
+            latched_us = self._fleet.stopped_us()
+            yield stop_took_ms([latched_us[station] for station in self._fleet.boot_us], began_us)
             counter = self._fleet.condition(raiser).stop_counter
             self._fleet.tell(raiser, encode_message(Command(RESUME, counter, 0)))
             self._fleet.run(self._fleet.now_us + _STOP_PAUSE_US)
@@ -172,13 +184,18 @@ class RadioRun:
     def _figures(self, traffic: Traffic, stop_ms: tuple[float, ...]) -> OurFigures:
         delivery, snapshots = self._delivery, self._snapshots
         spreads_us = np.array(self._agreement.spread_us, np.int64)
-        median_us, p99_us, max_us = np.percentile(spreads_us, (50, 99, 100)).tolist()
+        nothing = [math.nan] * 3
+        widest = np.percentile(spreads_us, (50, 99, 100)).tolist() if len(spreads_us) else nothing
+        median_us, p99_us, max_us = widest
+        rounds_due = self._rounds_due
         return OurFigures(
             traffic=traffic,
             state_bytes=delivery.mean_bytes(STATE),
             relay_bytes=delivery.mean_bytes(RELAY),
             relays_per_state=delivery.frames[RELAY] / max(delivery.frames[STATE], 1),
             rows=share(snapshots.got, snapshots.due),
+            told=kept(snapshots.told, rounds_due),
+            sent=kept(delivery.sent, rounds_due),
             complete=snapshots.complete / max(snapshots.judged, 1),
             identical=snapshots.identical / max(snapshots.rounds, 1),
             judged=snapshots.judged,
@@ -186,10 +203,16 @@ class RadioRun:
             agreement_us=(median_us, p99_us, max_us),
             steps_back=self._fleet.steps_back(),
             stop_ms=stop_ms,
-            faults=len(self._faults),
+            faults=self._played,
             times_s=(np.array(self._agreement.at_us) - self._begin_us) / 1e6,
             spreads_us=spreads_us,
         )
+
+
+def stop_took_ms(latched_us: Sequence[int | None], began_us: int) -> float:
+    """Until the last had it; NaN where somebody has none, or still has one that was raised before."""
+    reached_us = [time_us for time_us in latched_us if time_us is not None and time_us >= began_us]
+    return (max(reached_us) - began_us) / 1000 if len(reached_us) == len(latched_us) else math.nan
 
 
 def reach(settings: RadioSettings) -> NDArray[np.bool_]:

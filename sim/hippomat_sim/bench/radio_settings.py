@@ -10,7 +10,7 @@ from hippomat_core.config import MAX_ROBOTS, MAX_TASK_SLOTS, ROBOTS_PER_SECOND_O
 from hippomat_core.errors import ConfigError
 from hippomat_sim.air import AirSettings, hidden_pairs
 
-SETTLING_US = 2_000_000  # after a start or a repaired partition, before the figures count
+_SETTLING_US, _SETTLING_ROUNDS = 2_000_000, 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +39,11 @@ class RadioSettings:
     def round_us(self) -> int:
         return round(1e6 / self.rate_hz)
 
+    @property
+    def settling_us(self) -> int:
+        """After a start or a repaired partition, before the figures count."""
+        return max(_SETTLING_US, _SETTLING_ROUNDS * self.round_us)
+
     def air(self) -> AirSettings:
         return AirSettings(
             loss=self.loss,
@@ -49,33 +54,81 @@ class RadioSettings:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Range:
+    """What an option may be; why: what a limit follows from, where it is not the option's own."""
+
+    low: float
+    high: float
+    shown: str  # in --help
+    why: str = ""
+
+
+def ranges_of(settings: RadioSettings) -> dict[str, tuple[float, Range]]:
+    """Of every option that is a number: its value and its range, given the other options."""
+    return _own_ranges(settings) | _count_ranges(settings)
+
+
+def _own_ranges(settings: RadioSettings) -> dict[str, tuple[float, Range]]:
+    """Of those that depend on no other option."""
+    return {
+        "--nodes": (settings.nodes, _plain(2, MAX_ROBOTS, "the ids of robots are 0 .. 63")),
+        "--rate": (settings.rate_hz, _plain(1, 20, "a round takes 50 .. 1000 ms")),
+        "--tasks": (settings.tasks, _plain(1, MAX_TASK_SLOTS, "the slots that a STATE can hold")),
+        "--seconds": (settings.seconds, _plain(5, 86_400, "five seconds to a day")),
+        "--loss": (settings.loss, _plain(0, 0.99, "a probability, and not everything may be lost")),
+        "--burst-s": (settings.burst_s, _plain(0.001, 60, "a millisecond to a minute")),
+        "--hidden": (settings.hidden, _plain(0, 1, "a share of the pairs")),
+        "--late": (settings.late, _plain(0, 1, "a share of the receptions")),
+        "--drift": (settings.drift_ppm, _plain(0, 1000, "a clock off by more is broken")),
+        "--answer-ms": (settings.answer_ms, _plain(1, 1000, "no sooner than 1 ms, within the longest round")),
+        "--stops": (settings.stops, _plain(0, 100, "each takes 6 s of simulated time")),
+        "--seed": (settings.seed, _plain(0, 2**31 - 1, "31 bits")),
+    }
+
+
+def _count_ranges(settings: RadioSettings) -> dict[str, tuple[float, Range]]:
+    """Of what happens to the fleet: by its size and the time that there is."""
+    nodes, seconds = settings.nodes, settings.seconds if math.isfinite(settings.seconds) else 0.0
+    return {
+        "--deaths": (
+            settings.deaths,
+            Range(0, nodes - 2, "0 .. N - 2", f"two of --nodes {nodes} must live on"),
+        ),
+        "--reboots": (
+            settings.reboots,
+            Range(0, int(seconds), "0 .. one a second", f"one a second of --seconds {seconds:g}"),
+        ),
+        "--partitions": (
+            settings.partitions,
+            Range(0, int(seconds // 10), "0 .. one in 10 s", f"one in ten seconds of --seconds {seconds:g}"),
+        ),
+    }
+
+
+def _plain(low: float, high: float, why: str) -> Range:
+    return Range(low, high, f"{shown(low)} .. {shown(high)}", why)
+
+
+def shown(value: float) -> str:
+    """Whole numbers in full, without an exponent."""
+    return f"{value:.0f}" if math.isfinite(value) and value == int(value) else f"{value:g}"
+
+
 def checked(settings: RadioSettings) -> RadioSettings:
-    """The same settings; ConfigError names the first option that is out of range."""
-    ranges: tuple[tuple[str, float, float, float], ...] = (
-        ("--nodes", settings.nodes, 2, MAX_ROBOTS),
-        ("--rate", settings.rate_hz, 1.0, 20.0),
-        ("--tasks", settings.tasks, 1, MAX_TASK_SLOTS),
-        ("--seconds", settings.seconds, 5.0, 86_400.0),
-        ("--loss", settings.loss, 0.0, 0.99),
-        ("--burst-s", settings.burst_s, 0.001, 60.0),
-        ("--hidden", settings.hidden, 0.0, 1.0),
-        ("--late", settings.late, 0.0, 1.0),
-        ("--drift", settings.drift_ppm, 0.0, 1000.0),
-        ("--answer-ms", settings.answer_ms, 1.0, 1000.0),
-        ("--deaths", settings.deaths, 0, settings.nodes - 2),
-        ("--reboots", settings.reboots, 0, settings.seconds),
-        ("--partitions", settings.partitions, 0, settings.seconds / 10),
-        ("--stops", settings.stops, 0, 100),
-        ("--seed", settings.seed, 0, 2**31 - 1),
-    )
-    for option, value, low, high in ranges:
-        if not low <= value <= high:
-            raise ConfigError(f"{option} {value:g} is outside {low:g} .. {high:g}")
+    """The same settings; ConfigError names the first option that is out of range, and why."""
+    for option, (value, allowed) in ranges_of(settings).items():
+        if not allowed.low <= value <= allowed.high:
+            limits = f"{shown(allowed.low)} .. {shown(allowed.high)}"
+            raise ConfigError(f"{option} {shown(value)} is outside {limits}: {allowed.why}")
     round_ms = 1000 / settings.rate_hz
     if not math.isclose(round_ms, round(round_ms)):
         raise ConfigError(f"--rate {settings.rate_hz:g}: a round must take whole milliseconds (try 10)")
     highest_hz = ROBOTS_PER_SECOND_OF_ROUND / settings.nodes
     if settings.rate_hz > highest_hz:
-        remedy = f"--rate {math.floor(highest_hz)} or less"
-        raise ConfigError(f"{settings.nodes} nodes do not fit into a round of {round_ms:g} ms: {remedy}")
+        fitting_hz = max(hz for hz in range(1, 21) if hz <= highest_hz and 1000 % hz == 0)
+        raise ConfigError(
+            f"--nodes {settings.nodes} do not fit into a round of {round_ms:g} ms, which holds "
+            f"{int(ROBOTS_PER_SECOND_OF_ROUND / settings.rate_hz)}: --rate {fitting_hz} or less"
+        )
     return settings
