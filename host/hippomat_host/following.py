@@ -33,6 +33,7 @@ class Goal:
     obeyed: Callable[[StopWatch], bool]  # by our own radio
     shows: Callable[[StopWatch, float], list[int]]  # robots that show it since that time
     done: str  # "robot 3 ..."
+    unknown: str  # "whether it ... is not known"
 
 
 class Following:
@@ -79,16 +80,20 @@ class Following:
         watch, missing, path = self._watch, self._missing(), self._radio.path
         if not self._obeyed:
             raise PortError(f"the radio on {path} does not obey: unplug it, plug it in again, and repeat")
-        if not watch.heard:
+        if not watch.heard and not watch.twin:
             raise PortError(
                 f"sent, but no robot is heard: {why_nobody(path, self._radio.reply, watch)} "
                 "(the radio goes on sending it for a minute while it has power)"
             )
+        if watch.twin:
+            say(f"          {watch.twin}: whether it {self._goal.unknown} is not known")
         for robot in missing:
             say(f"          robot {robot}: {self._why_not(robot)}")
         if missing:
             count = f"{len(missing)} of {len(watch.heard)} robots heard"
             say(f"{count} did not within {DEADLINE_S:.0f} s: {named(missing)}")
+            return SOME_DID_NOT
+        if watch.twin:
             return SOME_DID_NOT
         say(f"done: {'all ' if len(watch.heard) > 1 else ''}{named(watch.heard)}")
         return 0

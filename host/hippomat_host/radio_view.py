@@ -11,8 +11,6 @@ from hippomat_core.wire.frames import OPERATOR
 from hippomat_host.fleet_view import FleetView
 from hippomat_host.radio_words import DROPS, latched, stop_reason
 
-_QUIET = ("dropped_replayed",)  # relays and floods bring every frame more than once
-
 
 def air(radio: RadioStatus) -> str:
     """The key, the time, and how many frames."""
@@ -24,7 +22,7 @@ def air(radio: RadioStatus) -> str:
 
 def dropped(radio: RadioStatus) -> str:
     """Counters that are not 0, by cause."""
-    counts = {name: getattr(radio, name) for name in DROPS if name not in _QUIET}
+    counts = {name: getattr(radio, name) for name in DROPS}
     return ", ".join(f"{count} {name.removeprefix('dropped_')}" for name, count in counts.items() if count)
 
 

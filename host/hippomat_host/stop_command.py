@@ -22,8 +22,8 @@ from hippomat_core.wire.link import (
     Hello,
     HelloReply,
 )
-from hippomat_host.conversation import Conversation
-from hippomat_host.following import Following, Goal, say
+from hippomat_host.conversation import ANSWER_S, Conversation
+from hippomat_host.following import SOME_DID_NOT, Following, Goal, say
 from hippomat_host.radio_words import named, who
 from hippomat_host.stop_watch import StopWatch
 from hippomat_host.unheard import why_nobody
@@ -31,6 +31,17 @@ from hippomat_host.unheard import why_nobody
 LAST_STOP = 65_535  # as in stop.h
 LISTEN_S = 1.5  # to know the fleet: 15 rounds
 _OTHER_WAY = "holding the BOOT button of any radio for 1 s stops the fleet, too"
+
+# How robots show it, and in which words
+_STOP_SHOWS = (StopWatch.shows_stop, "shows STOP", "stopped")
+_GO_SHOWS = (StopWatch.shows_go, "goes on", "goes on")
+
+
+@dataclass(slots=True)
+class _Progress:
+    """How far a command got when it is interrupted."""
+
+    sent: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,21 +56,22 @@ class Told:
 
 def stop(told: Told) -> int:
     """0: every robot that is heard shows it; 2: some do not. Raises PortError in one line."""
+    sent = False
     try:
         with Conversation(told.path, at_once=True) as radio:
             reply = _in_fleet(radio, told)
             command = Command(STOP, 0, told.reason)
             radio.say(command)
-            begun_s = time.monotonic()
+            begun_s, sent = time.monotonic(), True
             say(f"STOP sent by {told.path}, {who(reply)}")
             _warn_open(reply)
-            goal = Goal(command, LISTEN_S, lambda watch: watch.latched, StopWatch.shows_stop, "shows STOP")
+            goal = Goal(command, LISTEN_S, lambda watch: watch.latched, *_STOP_SHOWS)
             watch = StopWatch(reply.robot)
             code = Following(radio, watch, goal, begun_s).run()
     except PortError as error:
         raise PortError(f"{error}; {_OTHER_WAY}") from None
     except KeyboardInterrupt:
-        say("not waiting any longer: who shows it is not known; the radio goes on sending what it was told")
+        _say_interrupted("STOP", sent)
         raise
     say(f"STOP {watch.counter} holds until `hippomat-host resume --port {told.path}`")
     return code
@@ -67,6 +79,15 @@ def stop(told: Told) -> int:
 
 def resume(told: Told) -> int:
     """0: every robot that is heard goes on, or none was stopped; 2: some do not. Raises PortError."""
+    progress = _Progress()
+    try:
+        return _resume(told, progress)
+    except KeyboardInterrupt:
+        _say_interrupted("RESUME", progress.sent)
+        raise
+
+
+def _resume(told: Told, progress: _Progress) -> int:
     with Conversation(told.path) as radio:
         reply = _in_fleet(radio, told)
         radio.forget_stale()
@@ -84,11 +105,20 @@ def resume(told: Told) -> int:
         say(f"RESUME of STOP {counter}: {shown}")
         command = Command(RESUME, counter, told.reason)
         radio.say(command)
-        goal = Goal(command, 0.0, lambda watch: not watch.latched, StopWatch.shows_go, "goes on")
+        progress.sent = True
+        goal = Goal(command, 0.0, lambda watch: not watch.latched, *_GO_SHOWS)
         code = Following(radio, watch, goal, time.monotonic()).run()
     if watch.counter > counter:
         say(f"a new STOP, {watch.counter}, was raised meanwhile: resume again if that one is over, too")
     return code
+
+
+def _say_interrupted(what: str, sent: bool) -> None:
+    if sent:
+        unknown = f"who obeys {what} is not known"
+        say(f"not waiting any longer: {unknown}; the radio goes on sending what it was told")
+    else:
+        say(f"interrupted before the radio was told: {what} was NOT sent")
 
 
 def _in_fleet(radio: Conversation, told: Told) -> HelloReply:
@@ -98,7 +128,7 @@ def _in_fleet(radio: Conversation, told: Told) -> HelloReply:
     channel = reply.channel if told.channel < 0 else told.channel
     if (reply.fleet, reply.channel) != (fleet, channel):
         hello = Hello(LINK_VERSION, NO_ROBOT, fleet, channel, reply.round_ms, reply.slots)
-        reply = radio.reply = radio.ask(hello, HelloReply)
+        reply = radio.reply = _adopted(radio, hello)
     if (reply.fleet, reply.channel) != (fleet, channel):
         raise PortError(
             f"the radio on {radio.path} stays {who(reply)}: leave --fleet and --channel out, or write it "
@@ -112,6 +142,18 @@ def _in_fleet(radio: Conversation, told: Told) -> HelloReply:
     return reply
 
 
+def _adopted(radio: Conversation, hello: Hello) -> HelloReply:
+    """The answer with the wanted fleet and channel, else the last: stale answers may come before it."""
+    radio.say(hello)
+    reply = radio.reply
+    for message in radio.listen(ANSWER_S):
+        if isinstance(message, HelloReply):
+            reply = message
+            if (reply.fleet, reply.channel) == (hello.fleet, hello.channel):
+                break
+    return reply
+
+
 def _warn_open(reply: HelloReply) -> None:
     if reply.flags & FLAG_OPEN:
         print(
@@ -122,8 +164,11 @@ def _warn_open(reply: HelloReply) -> None:
 
 
 def _nothing_to_resume(radio: Conversation, watch: StopWatch) -> int:
-    if not watch.heard:
+    if not watch.heard and not watch.twin:
         raise PortError(f"nothing to resume is heard: {why_nobody(radio.path, radio.reply, watch)}")
+    if watch.twin:
+        say(f"nothing to resume is known: {watch.twin}, and whether it is stopped is not known")
+        return SOME_DID_NOT
     say(f"nothing to resume: neither {named(watch.heard)} nor this radio is stopped")
     return 0
 

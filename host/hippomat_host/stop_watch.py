@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from hippomat_core.errors import WireError
 from hippomat_core.wire.codec import decode_frame
 from hippomat_core.wire.frames import FLAG_STOPPED, RelayFrame, StateFrame
-from hippomat_core.wire.link import Heard, LinkMessage, Status
+from hippomat_core.wire.link import FLAG_PASSIVE, NO_ROBOT, Heard, LinkMessage, Status
 from hippomat_host.radio_words import latched, robots_of
 
 UNTOLD = -1  # a relayed row has no counter
@@ -33,12 +33,13 @@ class StopWatch:
     own: int
     robots: dict[int, Shown] = field(default_factory=dict)
     radios: set[int] = field(default_factory=set)  # robots whose radio is alive, STATE or not
-    first: Status | None = None
+    first: Status | None = None  # since our radio restarted
     status: Status | None = None  # the last
 
     def hear(self, now_s: float, message: LinkMessage) -> None:
         if isinstance(message, Status):
-            self.first = self.first or message
+            if self.first is None or self.first.boot_id != message.boot_id:
+                self.first = message  # its counters begin at 0
             self.status = message
             self.radios.update(robots_of(message.alive & ~(1 << self.own)))
         elif isinstance(message, Heard):
@@ -49,7 +50,7 @@ class StopWatch:
             header, frame = decode_frame(data)
         except WireError:
             return
-        if isinstance(frame, StateFrame):
+        if isinstance(frame, StateFrame) and header.sender != self.own:
             shown = Shown(now_s, bool(frame.flags & FLAG_STOPPED), frame.stop_counter)
             self.robots[header.sender] = shown
         elif isinstance(frame, RelayFrame):
@@ -77,6 +78,14 @@ class StopWatch:
     def doubled(self) -> list[int]:
         """Robots under whose id two radios send; their STATE may be either's."""
         return robots_of(self.status.duplicate) if self.status is not None else []
+
+    @property
+    def twin(self) -> str:
+        """Names another radio under the id of ours, which does not hear it out; "" where there is none."""
+        own_bit = 1 << self.own if self.own != NO_ROBOT else 0
+        if self.status is None or not (self.status.flags & FLAG_PASSIVE or self.status.duplicate & own_bit):
+            return ""
+        return f"another radio sends as robot {self.own}"
 
     @property
     def latched(self) -> bool:
@@ -111,7 +120,7 @@ class StopWatch:
         ]
 
     def grown(self, counter: str) -> int:
-        """How much a counter of our radio has grown while we listened."""
+        """How much a counter of our radio has grown while we listened, or since it restarted."""
         if self.first is None or self.status is None:
             return 0
         grown: int = getattr(self.status, counter) - getattr(self.first, counter)

@@ -45,6 +45,19 @@ def test_ctrl_c_is_one_line_and_exit_code_1(
     assert "Traceback" not in out + err
 
 
+@pytest.mark.parametrize("command", ["stop", "resume"])
+def test_what_was_interrupted_before_it_was_sent_is_said_not_to_be_sent(tmp_path: Path, command: str) -> None:
+    radio = ScriptedRadio(tmp_path / "radio", {Hello: lambda _: []})
+    with plugged(radio):
+        process = started(command, "--port", radio.link)
+        assert wait_until(lambda: bool(radio.told_of(Hello)))
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=10.0)
+    assert process.returncode == 1
+    assert f"{command.upper()} was NOT sent" in out
+    assert radio.told_of(Command) == []
+
+
 def test_a_reader_that_leaves_is_no_traceback(tmp_path: Path) -> None:
     radio = ScriptedRadio(tmp_path / "radio")
     with plugged(radio):

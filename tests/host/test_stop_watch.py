@@ -76,3 +76,12 @@ def test_a_frame_that_is_none_is_nobodys() -> None:
     watch = StopWatch(255)
     watch.hear(0.0, Heard(0, 0, -50, bytes(30)))
     assert watch.heard == []
+
+
+def test_a_radio_that_restarts_counts_anew() -> None:
+    watch = StopWatch(255)
+    watch.hear(0.0, status_of(boot_id=1, dropped_seal=100))
+    watch.hear(1.0, status_of(boot_id=2, dropped_seal=3))
+    assert watch.grown("dropped_seal") == 0
+    watch.hear(2.0, status_of(boot_id=2, dropped_seal=8))
+    assert watch.grown("dropped_seal") == 5
