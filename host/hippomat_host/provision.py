@@ -13,12 +13,19 @@ from dataclasses import dataclass
 from hippomat_core.errors import HippomatError, PortError
 from hippomat_core.wire.link import (
     FLAG_OPEN,
+    FLAG_PASSIVE,
     FLAG_PROVISIONED,
     FLAG_UNSAFE,
     LINK_VERSION,
+    NO_ROBOT,
+    PEER_DUPLICATE,
+    AskPeers,
     HelloReply,
+    LinkMessage,
+    PeerReport,
     Provision,
     Provisioned,
+    Status,
 )
 from hippomat_host.conversation import Conversation, Vanished
 from hippomat_host.identify import ASK
@@ -28,6 +35,8 @@ from hippomat_host.radio_words import firmware, who
 STORE_S = 3.0  # a flash page is erased and written
 RESTART_S = 20.0
 _ASK_EVERY_S = 0.5
+TWIN_S = 1.0  # to hear another radio under the same id: ten rounds
+_CHANNELS = 11
 _YEAR_2025_S = 1_735_689_600
 
 
@@ -51,7 +60,9 @@ def provision(path: str, wanted: Wanted, now_s: float) -> int:
             "set it (`sudo timedatectl set-ntp true`) and repeat"
         )
     if wanted.key is not None and wanted.key.warning:
-        print(f"warning: {wanted.key.warning}", file=sys.stderr)
+        _warn(wanted.key.warning)
+    if wanted.channel > _CHANNELS:
+        _warn(f"channel {wanted.channel}: ESP-IDF's default region allows 1 .. {_CHANNELS}")
     with Conversation(path) as radio:
         radio.forget_stale()
         before = radio.reply
@@ -60,15 +71,21 @@ def provision(path: str, wanted: Wanted, now_s: float) -> int:
         answered = _write(radio, wanted, int(now_s))
         print(f"{'written' if answered else 'sent, and the port went away'}: {_what(wanted)}", flush=True)
         after = _restarted(radio, before.boot_id)
-    _verify(path, wanted, after)
+        _verify(path, wanted, after)
+        doubled = wanted.robot != NO_ROBOT and _has_twin(radio, wanted.robot)
     print(f"restarted, and says: {who(after)}; boot counter {after.boot_counter}")
+    if doubled:
+        _warn(f"another radio sends as robot {wanted.robot}: give every robot its own id")
     if wanted.key is None:
-        print(
-            f"warning: fleet {wanted.fleet} is OPEN: anyone in range may send, stop and resume; "
-            "`hippomat-host make-key FILE` and --key-file FILE seal it",
-            file=sys.stderr,
+        _warn(
+            f"fleet {wanted.fleet} is OPEN: anyone in range may send, stop and resume; "
+            "`hippomat-host make-key FILE` and --key-file FILE seal it"
         )
     return 0
+
+
+def _warn(text: str) -> None:
+    print(f"warning: {text}", file=sys.stderr, flush=True)
 
 
 def _write(radio: Conversation, wanted: Wanted, unix_s: int) -> bool:
@@ -112,6 +129,26 @@ def _restarted(radio: Conversation, boot_id: int) -> HelloReply:
             except PortError as error:
                 raise PortError(f"{late} ({error})") from None
     raise PortError(late)
+
+
+def _has_twin(radio: Conversation, robot: int) -> bool:
+    """Whether the radio hears another one under its own id, in the first second after its restart."""
+    until_s = time.monotonic() + TWIN_S
+    try:
+        while time.monotonic() < until_s:
+            radio.say(AskPeers())
+            for message in radio.listen(_ASK_EVERY_S):
+                if _tells_of_twin(message, robot):
+                    return True
+    except Vanished:  # what was written is stored and was verified
+        _warn(f"{radio.path} went away again: whether another radio sends as robot {robot} is not known")
+    return False
+
+
+def _tells_of_twin(message: LinkMessage, robot: int) -> bool:
+    if isinstance(message, Status):
+        return bool(message.flags & FLAG_PASSIVE or message.duplicate >> robot & 1)
+    return isinstance(message, PeerReport) and message.robot == robot and bool(message.flags & PEER_DUPLICATE)
 
 
 def _verify(path: str, wanted: Wanted, reply: HelloReply) -> None:

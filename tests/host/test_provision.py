@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from commands_run import refused, run
 from host_devices import Base, Lidar, Silent, plugged
-from real_radios import KEY, OTHER_KEY, desk
+from real_radios import KEY, OTHER_KEY, a_fleet, desk
 from scripted_radio import BACK, VANISH, ScriptedRadio
 
 from hippomat_core.wire.link import FLAG_OPEN, FLAG_PROVISIONED, FLAG_UNSAFE, Hello, Provision, Provisioned
@@ -57,6 +57,7 @@ def test_a_radio_that_was_another_is_written_anew_and_says_what_it_was(
     assert "it was: robot 12 of fleet 9, channel 11, 24 Mbit/s, sealed" in ended.out
     assert "says: an operator's radio of fleet 1, channel 13, 12 Mbit/s, OPEN" in ended.out
     assert "warning: fleet 1 is OPEN" in ended.err
+    assert "warning: channel 13: ESP-IDF's default region allows 1 .. 11" in ended.err
     assert memory.key == b""
     assert memory.boot_counter > 1_900_000_000  # never goes back
 
@@ -72,6 +73,16 @@ def test_a_port_that_goes_away_while_the_radio_restarts_is_waited_for(
         assert radios.radios[0].memory.robot == 3
     assert ended.code == 0, ended
     assert "restarted, and says: robot 3" in ended.out
+
+
+def test_an_id_that_is_on_the_air_already_is_warned_about(tmp_path: Path, capsys: Capture) -> None:
+    with desk(tmp_path, [*a_fleet(2, fleet=7, channel=6), Memory()], robots=[0, 1]) as radios:
+        wanted = ("--fleet", 7, "--channel", 6, "--open")
+        doubled = run(capsys, "provision", "--port", radios.path(2), "--robot", 1, *wanted)
+        own = run(capsys, "provision", "--port", radios.path(2), "--robot", 2, *wanted)
+    assert doubled.code == own.code == 0
+    assert "warning: another radio sends as robot 1: give every robot its own id" in doubled.err
+    assert "another radio" not in own.err
 
 
 def test_a_key_file_that_others_read_is_warned_about(tmp_path: Path, capsys: Capture, key_file: Path) -> None:
