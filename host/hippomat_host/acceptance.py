@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hippomat_core.config import Config
+from hippomat_core.config import Config, FleetConfig
 from hippomat_core.errors import PortError, ProtocolMismatch
 from hippomat_core.messages import BASE, LIDAR, PORT_NAMES, RADIO, RadioStatus
 from hippomat_core.wire.frames import PROTOCOL_VERSION
@@ -86,6 +86,11 @@ def _check_radio(config: Config, path: str, reply: HelloReply) -> None:
     robot, fleet = config.robot.id, config.fleet
     if robot < 0:
         return
+    if _are_defaults(config, reply):
+        raise PortError(
+            f"radio: fleet {reply.fleet}, channel {reply.channel}; "
+            f"settings: fleet {fleet.id}, channel {fleet.channel} (wrong --config?)"
+        )
     write = (
         f"`hippomat-host provision --port {path} --fleet {fleet.id} --robot {robot} --channel {fleet.channel}"
     )
@@ -107,6 +112,14 @@ def _check_radio(config: Config, path: str, reply: HelloReply) -> None:
             f"the radio on {path} is on channel {reply.channel}, not {fleet.channel}: "
             f"set [fleet] channel = {reply.channel}; {write}"
         )
+
+
+def _are_defaults(config: Config, reply: HelloReply) -> bool:
+    """Fleet or channel is not the radio's, and what is not was probably never set."""
+    fleet, default = config.fleet, FleetConfig()
+    fits = reply.fleet == fleet.id, reply.channel == fleet.channel
+    unset = fleet.id == default.id, fleet.channel == default.channel
+    return not all(fits) and all(fit or never for fit, never in zip(fits, unset, strict=True))
 
 
 def _unknown(path: str, expected: int, identity: Identity) -> str:

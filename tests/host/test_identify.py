@@ -194,5 +194,10 @@ def test_another_robots_radio_is_refused_but_may_be_listened_to() -> None:
         accept(Config(robot=RobotConfig(id=0)), "/dev/x", RADIO, found)
     with pytest.raises(PortError, match=r"belongs to fleet 1, not 4: set \[fleet\] id = 1"):
         accept(Config(FleetConfig(id=4), RobotConfig(id=2)), "/dev/x", RADIO, found)
+    ours = Identity(RADIO, "radio", reply_of(fleet=7, channel=6))
+    with pytest.raises(
+        PortError, match=r"^radio: fleet 7, channel 6; settings: fleet 1, channel 1 \(wrong --con"
+    ):
+        accept(ROBOT_2, "/dev/x", RADIO, ours)
     assert accept(Config(), "/dev/x", RADIO, found) == "radio"
     assert hello_of(Config()).robot == 255
