@@ -26,10 +26,10 @@ _DTR = struct.pack("I", termios.TIOCM_DTR)
 
 
 class BusyPort(PortError):
-    """Another process has the port; `owner` is its pid and command, where we may know."""
+    """Another process has the port; `owner` is its pid and command, where known (of a guard: its daemon's)."""
 
     def __init__(self, path: str, owner: tuple[int, str] | None) -> None:
-        self.owner = owner
+        owner = self.owner = owner and _answerable(*owner)
         if owner is None:
             super().__init__(
                 f"{path} is in use by another process (of another user?): see `sudo fuser {path}`"
@@ -164,6 +164,16 @@ def _command(pid: str) -> str:
             return file.read().replace(b"\0", b" ").decode(errors="replace").strip() or "?"
     except OSError:
         return "?"
+
+
+def _answerable(pid: int, command: str) -> tuple[int, str]:
+    """A motor guard obeys its daemon alone, and is started anew when it dies: the daemon is to be stopped."""
+    if "hippomat_host.base_guard" in command:
+        with contextlib.suppress(OSError, ValueError), open(f"/proc/{pid}/stat", encoding="ascii") as file:
+            parent = file.read().rpartition(")")[2].split()[1]
+            if parent not in ("0", "1", str(os.getpid())):
+                return int(parent), _command(parent)
+    return pid, command
 
 
 def _why_not(path: str, error: OSError) -> PortError:
