@@ -5,6 +5,7 @@ Loads nothing before Ctrl-C is taken care of.
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -50,16 +51,35 @@ def _command(command: Callable[[list[str]], int], arguments: list[str]) -> int:
     from hippomat_core.errors import HippomatError
 
     try:
-        return command(arguments)
+        code = command(arguments)
+        sys.stdout.flush()
+        return code
     except HippomatError:
         raise
     except BrokenPipeError:  # nobody reads any more, e.g. `| head`; what was to be done is done
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _say_no_more()
         return 1
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            return _fault(error)
+        _say_no_more()
+        raise HippomatError(
+            "standard output cannot be written: no space is left; the command may have been carried out: "
+            "make room, and see"
+        ) from None
     except Exception as fault:
-        from hippomat_host.faults import as_error
+        return _fault(fault)
 
-        raise as_error(fault) from None
+
+def _say_no_more() -> None:
+    """What still waits to be printed must not fail again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _fault(fault: Exception) -> int:
+    from hippomat_host.faults import as_error
+
+    raise as_error(fault) from None
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import hashlib
 import os
 import secrets
@@ -37,10 +39,7 @@ def make_key(path: str) -> FleetKey:
     key = secrets.token_bytes(KEY_BYTES)
     try:
         fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-        with os.fdopen(fd, "w", encoding="ascii") as file:
-            file.write(key.hex() + "\n")
-            file.flush()
-            os.fsync(file.fileno())
+        _fill(fd, path, key)
     except FileExistsError:
         raise HippomatError(
             f"{path} exists: a key is never overwritten (radios may have it): give another name"
@@ -52,17 +51,37 @@ def make_key(path: str) -> FleetKey:
     return FleetKey(key)
 
 
+def _fill(fd: int, path: str, key: bytes) -> None:
+    """Leaves no file behind that holds less than a key."""
+    try:
+        with os.fdopen(fd, "w", encoding="ascii") as file:
+            file.write(key.hex() + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(path)
+        raise
+
+
 def read_key(path: str) -> FleetKey:
     """The key in a file; raises HippomatError in one line that quotes nothing of what the file holds."""
     try:
-        with open(path, "rb") as file:
+        with open(path, "rb", opener=_at_once) as file:
             mode = os.fstat(file.fileno()).st_mode
+            if not stat.S_ISREG(mode):
+                raise OSError(errno.EINVAL, "not a regular file")
             data = file.read(_MAX_FILE + 1)
     except OSError as error:
         raise HippomatError(
             f"--key-file {path}: cannot be read: {error.strerror or error}; {_remedy()}"
         ) from None
     return FleetKey(_parsed(path, data), _exposed(path, mode))
+
+
+def _at_once(path: str, flags: int) -> int:
+    """A pipe is opened without waiting for its writer."""
+    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def _parsed(path: str, data: bytes) -> bytes:

@@ -93,7 +93,7 @@ def _rows(info: RadioInfo) -> list[tuple[str, str, str]]:
         ("MAC", reply.mac.hex(":"), ""),
         ("identity", f"{words.owner(status)} of fleet {status.fleet}, {provisioned}", ""),
         ("air", f"channel {status.channel}, {status.rate_mbps} Mbit/s", ""),
-        ("key", words.seal(status.flags), "yellow" if is_open else ""),
+        ("seal", words.seal(status.flags), "yellow" if is_open else ""),
         ("boot", f"{boot}, reset by: {words.reset_reason(status.reset_reason)}", ""),
         ("schedule", f"rounds of {status.round_ms} ms, {status.slots} slots", ""),
         ("fleet time", f"{status.fleet_time_us / 1e6:.3f} s, {agreed}", ""),

@@ -87,8 +87,8 @@ def firmware(reply: link.HelloReply) -> str:
 
 def seal(flags: int) -> str:
     if flags & link.FLAG_OPEN:
-        return "OPEN: no key, anyone in range may send, stop and resume"
-    return "sealed: encrypted and authenticated with the fleet's key"
+        return "OPEN: anyone in range may send, stop and resume"
+    return "sealed: what it sends is encrypted and authenticated"
 
 
 def conditions(flags: int) -> list[str]:

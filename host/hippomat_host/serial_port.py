@@ -26,7 +26,7 @@ _DTR = struct.pack("I", termios.TIOCM_DTR)
 
 
 class BusyPort(PortError):
-    """Another process has the port; `owner` is its pid and command, where known (of a guard: its daemon's)."""
+    """Another process has the port; `owner` is its pid and command, where known (a guard's: the daemon)."""
 
     def __init__(self, path: str, owner: tuple[int, str] | None) -> None:
         owner = self.owner = owner and _answerable(*owner)

@@ -58,6 +58,15 @@ def test_what_was_interrupted_before_it_was_sent_is_said_not_to_be_sent(tmp_path
     assert radio.told_of(Command) == []
 
 
+def test_a_full_disk_behind_standard_output_is_one_line(tmp_path: Path) -> None:
+    with open("/dev/full", "w", encoding="ascii") as full:
+        command = [*DAEMON, "make-key", str(tmp_path / "key")]
+        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("hippomat-host: standard output cannot be written: no space is left")
+    assert ended.stderr.count("\n") == 1
+
+
 def test_a_reader_that_leaves_is_no_traceback(tmp_path: Path) -> None:
     radio = ScriptedRadio(tmp_path / "radio")
     with plugged(radio):

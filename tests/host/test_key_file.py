@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -91,6 +92,24 @@ def test_what_is_no_key_is_refused_without_being_quoted(tmp_path: Path, text: st
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, name: str) -> None:
     with pytest.raises(HippomatError, match=r"--key-file .* cannot be read"):
         read_key(str(tmp_path / name))
+
+
+def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(HippomatError, match="cannot be read: not a regular file"):
+        read_key(str(tmp_path / "pipe"))
+
+
+def test_a_key_that_could_not_be_written_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(HippomatError, match="cannot be written: No space left"):
+        make_key(str(tmp_path / "key"))
+    assert not (tmp_path / "key").exists()
 
 
 @pytest.mark.parametrize("mode", [0o644, 0o640, 0o602, 0o777])

@@ -68,7 +68,7 @@ def test_a_radio_in_a_sealed_fleet_shows_all_but_its_key(tmp_path: Path, capsys:
     assert rows["MAC"] == mac
     assert rows["identity"] == "an operator's radio of fleet 7, provisioned"
     assert rows["air"] == "channel 6, 6 Mbit/s"
-    assert rows["key"].startswith("sealed")
+    assert rows["seal"].startswith("sealed")
     assert "counter 1760000001" in rows["boot"]
     assert rows["fleet time"].endswith("agreed with others")
     assert rows["STOP"].startswith("not latched")
@@ -94,7 +94,7 @@ def test_a_new_radio_says_open_and_keeps_what_it_is(tmp_path: Path, capsys: Capt
     assert (
         rows["identity"] == "a new radio (not provisioned) of fleet 9, takes fleet and channel from its host"
     )
-    assert rows["key"].startswith("OPEN")
+    assert rows["seal"].startswith("OPEN")
     assert rows["fleet time"].endswith("not agreed with anybody")
     assert rows["schedule"] == "rounds of 100 ms, 17 slots"
     assert "hears nobody since its boot" in ended.out
