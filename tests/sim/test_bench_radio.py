@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,9 @@ from hippomat_sim.bench.cli import main
 from hippomat_sim.bench.radio_faults import faults_of
 from hippomat_sim.bench.radio_figures import Expectation, kept
 from hippomat_sim.bench.radio_report import verdict
-from hippomat_sim.bench.radio_run import stop_took_ms
+from hippomat_sim.bench.radio_run import RadioRun, stop_took_ms
 from hippomat_sim.bench.radio_settings import RadioSettings
-from hippomat_sim.bench.radio_targets import Target
+from hippomat_sim.bench.radio_targets import Target, targets_of
 
 SHORT = ["radio", "--nodes", "12", "--seconds", "5", "--stops", "1", "--json"]
 
@@ -195,6 +196,16 @@ def test_a_stop_that_was_latched_before_does_not_count_as_reached() -> None:
     assert stop_took_ms([5000, 7000], 4000) == 3.0
     assert math.isnan(stop_took_ms([3999, 7000], 4000))
     assert math.isnan(stop_took_ms([None, 7000], 4000))
+
+
+def test_a_stop_that_does_not_reach_everyone_is_a_miss_at_any_loss() -> None:
+    settings = RadioSettings(nodes=2, seconds=5, stops=2, loss=0.99)
+    ours = RadioRun(settings, lambda _: None).execute()
+    for times_ms, missed in (((10.0, 900.0), False), ((10.0, math.nan), True), ((), False)):
+        *_, stop = targets_of(settings, replace(ours, stop_ms=times_ms))
+        assert stop.missed is missed
+    *_, slow = targets_of(replace(settings, loss=0.3), replace(ours, stop_ms=(10.0, 900.0)))
+    assert slow.missed
 
 
 def test_rounds_that_are_never_told_are_missed() -> None:

@@ -7,6 +7,7 @@ import json
 import os
 import sys
 import tempfile
+from importlib import import_module
 from pathlib import Path
 
 from rich.console import Console
@@ -50,6 +51,7 @@ def check_plot(path: Path) -> None:
         raise ConfigError(f"--plot {path}: there is no directory {path.parent}")
     if path.is_dir() or (path.exists() and not os.access(path, os.W_OK)):
         raise ConfigError(f"--plot {path}: cannot be overwritten")
+    import_module("matplotlib")  # guarded() says how to install it
     try:
         tempfile.TemporaryFile(dir=path.parent).close()
     except OSError as error:
