@@ -7,7 +7,7 @@ Knows no rows and no frames; decides what of the radio's count is news.
 Late: a radio's own clock runs evenly, so the least difference between our stamp and its time, ever seen, is
 the one without a hold-up, and whatever exceeds it was held up on its way. Clocks drift apart: the least
 difference is allowed to grow by CREEP. A step between the clocks that lasts (one was set, or a machine slept)
-looks like a hold-up that never ends: when all of STEADY rounds are late by the same it is followed, and whoever
+looks like a hold-up that never ends: when all of STEADY rounds are late by the same it is followed, and who
 relies on lateness has to begin anew (`steps`).
 """
 
