@@ -19,7 +19,7 @@ from hippomat_core.fleet.radio_health import RadioHealth
 from hippomat_core.fleet.state import FleetState
 from hippomat_core.planning.ground import Fields, Ground
 from hippomat_core.slam.odometry import Odometry
-from hippomat_core.wire.frames import FLAG_STOPPED, Header, StateFrame
+from hippomat_core.wire.frames import FLAG_STOPPED, LAST_STOP, Header, StateFrame
 
 NEVER = -(10**18)
 
@@ -34,9 +34,6 @@ class Scan:
     stamp_ns: int
     points: Points  # (n, 2) [m]
     pose: tuple[float, float, float]  # x [m], y [m], yaw [rad]
-
-
-LAST_STOP = 65_535  # is never resumed: no later STOP could be told from it
 
 
 @dataclass(frozen=True, slots=True)

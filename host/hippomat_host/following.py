@@ -11,9 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hippomat_core.errors import PortError
+from hippomat_core.fleet.robot_names import named
 from hippomat_core.wire.link import AskPeers, Command
 from hippomat_host.conversation import Conversation
-from hippomat_host.radio_words import named
 from hippomat_host.stop_watch import StopWatch
 from hippomat_host.unheard import why_nobody
 

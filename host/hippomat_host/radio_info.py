@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hippomat_core.errors import PortError
+from hippomat_core.fleet.robot_names import named, robots_of
 from hippomat_core.wire import link
 from hippomat_core.wire.link import (
     PEER_ALIVE,
@@ -136,7 +137,7 @@ def _troubles(status: Status) -> list[str]:
         (status.rebooted, "restarted within the last second: {}"),
     ):
         if bitmap:
-            found.append(text.format(words.named(words.robots_of(bitmap))))
+            found.append(text.format(named(robots_of(bitmap))))
     return found
 
 
@@ -181,9 +182,7 @@ def _state(peer: PeerReport) -> str:
 def as_tree(info: RadioInfo) -> dict[str, Any]:
     """Everything as JSON would have it; flags by name, MACs and ids as hex digits."""
     status = dataclasses.asdict(info.status)
-    bitmaps = {
-        name: words.robots_of(status.pop(name)) for name in ("alive", "rebooted", "babbling", "duplicate")
-    }
+    bitmaps = {name: robots_of(status.pop(name)) for name in ("alive", "rebooted", "babbling", "duplicate")}
     names = ("open", "agreed", "passive", "stopped", "unsafe", "provisioned")
     bits = [getattr(link, f"FLAG_{name.upper()}") for name in names]
     flags = {name: bool(status["flags"] & bit) for name, bit in zip(names, bits, strict=True)}

@@ -114,16 +114,6 @@ def latched(radio: Latch) -> bool:
     return radio.stop_counter > radio.stop_resumed
 
 
-def robots_of(bitmap: int) -> list[int]:
-    """Ids whose bit is set."""
-    return [robot for robot in range(bitmap.bit_length()) if bitmap >> robot & 1]
-
-
-def named(robots: list[int]) -> str:
-    """robot 3; robots 1, 4"""
-    return f"robot{'s' * (len(robots) != 1)} {', '.join(map(str, robots))}"
-
-
 def duration(seconds: float) -> str:
     """12 s, 3 min 20 s, 2 h 3 min, 4 d 1 h"""
     whole = int(seconds)

@@ -11,7 +11,8 @@ import time
 from dataclasses import dataclass
 
 from hippomat_core.errors import PortError
-from hippomat_core.wire.frames import RESUME, STOP
+from hippomat_core.fleet.robot_names import named
+from hippomat_core.wire.frames import LAST_STOP, RESUME, STOP
 from hippomat_core.wire.link import (
     FLAG_OPEN,
     FLAG_UNSAFE,
@@ -24,11 +25,10 @@ from hippomat_core.wire.link import (
 )
 from hippomat_host.conversation import ANSWER_S, Conversation
 from hippomat_host.following import SOME_DID_NOT, Following, Goal, say
-from hippomat_host.radio_words import named, who
+from hippomat_host.radio_words import who
 from hippomat_host.stop_watch import StopWatch
 from hippomat_host.unheard import why_nobody
 
-LAST_STOP = 65_535  # as in stop.h
 LISTEN_S = 1.5  # to know the fleet: 15 rounds
 _OTHER_WAY = "holding the BOOT button of any radio for 1 s stops the fleet, too"
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from hippomat_core.errors import WireError
+from hippomat_core.fleet.robot_names import robots_of
 from hippomat_core.wire.codec import decode_frame
 from hippomat_core.wire.frames import FLAG_STOPPED, RelayFrame, StateFrame
 from hippomat_core.wire.link import FLAG_PASSIVE, NO_ROBOT, Heard, LinkMessage, Status
-from hippomat_host.radio_words import latched, robots_of
+from hippomat_host.radio_words import latched
 
 UNTOLD = -1  # a relayed row has no counter
 

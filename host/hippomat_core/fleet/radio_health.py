@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from hippomat_core.config import Config
+from hippomat_core.fleet.robot_names import named, robots_of
 from hippomat_core.fleet.timing import DEAD_S
 from hippomat_core.messages import ERROR, INFO, WARNING, AlarmCleared, AlarmRaised, Effect, RadioStatus
 from hippomat_core.wire.link_messages import (
@@ -108,7 +109,7 @@ def _held_silent(health: RadioHealth, status: RadioStatus) -> frozenset[str]:
     """Alarms of silence that stand until the radio has listened long enough to judge anew."""
     if status.uptime_us >= LISTENED_US:
         return frozenset()
-    back = {f"peer_silent:{robot}" for robot in _ids(status.alive)}
+    back = {f"peer_silent:{robot}" for robot in robots_of(status.alive)}
     return frozenset(code for code in health.raised if code.startswith("peer_silent:")) - back
 
 
@@ -121,8 +122,8 @@ def _findings(health: RadioHealth, status: RadioStatus, config: Config) -> Itera
             yield _Finding(
                 "time_not_agreed",
                 WARNING,
-                f"fleet time is not agreed with {_named(status.alive)}, although heard: robots decide at "
-                "different instants; has every robot the same firmware and [fleet] round_s?",
+                f"fleet time is not agreed with {named(robots_of(status.alive))}, although heard: "
+                "robots decide at different instants; has every robot the same firmware and [fleet] round_s?",
             )
     for cause, count in health.drops:
         seconds = WINDOW_NS // 10**9
@@ -164,17 +165,17 @@ def _differing(status: RadioStatus, config: Config) -> str:
 
 def _of_peers(health: RadioHealth, status: RadioStatus) -> Iterator[_Finding]:
     others = ~0 if status.robot == NO_ROBOT else ~(1 << status.robot)
-    for robot in _ids(status.duplicate & others):
+    for robot in robots_of(status.duplicate & others):
         text = f"two radios send as robot {robot}: give every robot its own id (hippomat-host provision)"
         yield _Finding(f"peer_duplicate:{robot}", WARNING, text)
-    for robot in _ids(status.babbling):
+    for robot in robots_of(status.babbling):
         text = f"robot {robot} sends far too many frames: most are ignored; restart its radio and its daemon"
         yield _Finding(f"peer_babbling:{robot}", WARNING, text)
-    for robot in _ids(status.rebooted):
+    for robot in robots_of(status.rebooted):
         yield _Finding(f"peer_rebooted:{robot}", INFO, f"the radio of robot {robot} restarted")
     if status.uptime_us < LISTENED_US:
         return
-    for robot in _ids(health.known & ~status.alive):
+    for robot in robots_of(health.known & ~status.alive):
         text = (
             f"robot {robot} was not heard for {DEAD_S:.0f} s: is it switched on, in range and on channel "
             f"{status.channel}?"
@@ -198,12 +199,3 @@ def _cause_text(cause: str, status: RadioStatus) -> str:
         "heard before, or of an earlier boot: somebody repeats them, or a radio lost its boot counter: "
         "provision that radio again"
     )
-
-
-def _ids(bitmap: int) -> list[int]:
-    return [robot for robot in range(64) if bitmap >> robot & 1]
-
-
-def _named(bitmap: int) -> str:
-    ids = [str(robot) for robot in _ids(bitmap)]
-    return f"robot {ids[0]}" if len(ids) == 1 else f"robots {', '.join(ids)}"

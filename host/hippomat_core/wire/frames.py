@@ -20,6 +20,7 @@ UNREACHABLE = 255  # cost code
 MAX_INTENT_STEPS = 12
 
 STATE, RELAY, TASKS, STOP, RESUME = 1, 2, 3, 4, 5
+LAST_STOP = 65_535  # this counter is never resumed: no later STOP could be told from it
 
 # StateFrame.status
 IDLE, ASSIGNED, SERVING, OBSERVING, BLOCKED, LOST = range(6)
