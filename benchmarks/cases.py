@@ -132,6 +132,7 @@ def _problem() -> Problem:
     return Problem(
         random.integers(0, 255, (ROBOTS, TASKS)).astype(np.uint8),
         np.ones(ROBOTS, bool),
+        np.zeros(ROBOTS, bool),
         np.ones(TASKS, bool),
         np.ones(ROBOTS, bool),
         np.zeros(ROBOTS, bool),

@@ -30,6 +30,7 @@ def problem(costs: object, self_index: int = 0, **others: object) -> Problem:
     n, m = costs_q.shape
     fields: dict[str, object] = {
         "available": np.ones(n, np.bool_),
+        "busy": np.zeros(n, np.bool_),
         "waiting": np.ones(m, np.bool_),
         "present": np.ones(n, np.bool_),
         "assigned": np.zeros(n, np.bool_),

@@ -31,5 +31,7 @@ class Greedy:
     name = "greedy"
 
     def allocate(self, problem: Problem) -> Decision:
-        assignment = assign_greedily(problem.costs_q, problem.eligible)
-        return Decision(int(assignment[problem.self_index]) + 1, NO_LOGITS)
+        return Decision(int(self.actions(problem)[problem.self_index]), NO_LOGITS)
+
+    def actions(self, problem: Problem) -> NDArray[np.int64]:
+        return assign_greedily(problem.costs_q, problem.eligible) + 1

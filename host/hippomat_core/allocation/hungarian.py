@@ -59,5 +59,7 @@ class Hungarian:
     name = "hungarian"
 
     def allocate(self, problem: Problem) -> Decision:
-        assignment = assign(problem.costs_q, problem.eligible)
-        return Decision(int(assignment[problem.self_index]) + 1, NO_LOGITS)
+        return Decision(int(self.actions(problem)[problem.self_index]), NO_LOGITS)
+
+    def actions(self, problem: Problem) -> NDArray[np.int64]:
+        return assign(problem.costs_q, problem.eligible) + 1

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import load
 
-from hippomat_core.allocation.port import Decision, Problem
+from hippomat_core.allocation.port import Decision, Problem, actions_one_by_one
 from hippomat_core.errors import ConfigError
 
 EMBEDDING = 6
@@ -109,6 +109,9 @@ class PaperNetwork:
         valid = np.concatenate([[True], problem.eligible[problem.self_index]])
         masked = np.where(valid, logits, MASKED_LOGIT).astype(np.float32)
         return Decision(int(np.argmax(masked)), masked)
+
+    def actions(self, problem: Problem) -> NDArray[np.int64]:
+        return actions_one_by_one(self, problem)
 
     def _linear(self, value: Array, layer: int, robot: int) -> Array:
         weight = self._tensor(f"policy.{layer}.weight", robot)

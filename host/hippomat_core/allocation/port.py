@@ -5,7 +5,7 @@ Every allocator is a pure function of the problem: whoever holds the same snapsh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -19,11 +19,13 @@ from hippomat_core.wire.frames import UNREACHABLE
 class Problem:
     """The common snapshot of a round, seen from robot `self_index`. N rows in id order, M task slots.
 
-    A robot that was never heard has present = False and a row of unreachable costs.
+    A robot that was never heard has present = False and a row of unreachable costs. The row of a busy robot
+    counts from the destination of its claim, the time until it is free included: when it could be at each task.
     """
 
     costs_q: NDArray[np.uint8]  # (N, M) quantised travel costs, 255 = unreachable
     available: NDArray[np.bool_]  # (N,) takes part: heard lately, holds no claim, can request
+    busy: NDArray[np.bool_]  # (N,) holds a claim and can request once it is done
     waiting: NDArray[np.bool_]  # (M,) the newest generation of the slot has no live claim
     present: NDArray[np.bool_]  # (N,) a row is held
     assigned: NDArray[np.bool_]  # (N,) the row carries a claim
@@ -63,3 +65,13 @@ class Allocator(Protocol):
     def name(self) -> str: ...
 
     def allocate(self, problem: Problem) -> Decision: ...
+
+    def actions(self, problem: Problem) -> NDArray[np.int64]:
+        """(N,) what `allocate` says to each robot that holds this same snapshot."""
+        ...
+
+
+def actions_one_by_one(allocator: Allocator, problem: Problem) -> NDArray[np.int64]:
+    """`Allocator.actions` of allocators whose robots each decide for themselves."""
+    views = (replace(problem, self_index=robot) for robot in range(len(problem.available)))
+    return np.array([allocator.allocate(view).action for view in views], np.int64)

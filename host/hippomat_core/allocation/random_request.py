@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hippomat_core.allocation.port import NO_LOGITS, Decision, Problem
+from hippomat_core.allocation.port import NO_LOGITS, Decision, Problem, actions_one_by_one
 from hippomat_core.allocation.pure_hash import hash_below
 
 
@@ -19,3 +20,6 @@ class RandomRequest:
             return Decision(0, NO_LOGITS)
         pick = hash_below(choices.size, problem.seed, problem.round, problem.self_index)
         return Decision(int(choices[pick]) + 1, NO_LOGITS)
+
+    def actions(self, problem: Problem) -> NDArray[np.int64]:
+        return actions_one_by_one(self, problem)

@@ -50,6 +50,7 @@ class Row:
     confirmed: bool  # the claim
     slot: int  # that the row claims, whatever became of its robot
     available: bool  # idle, without a claim, localized and not stopped
+    busy: bool  # the same once its claim is done
     costs: NDArray[np.uint8]  # (M,)
     agrees: bool  # its fleet digest is ours
     round: int  # of fleet time, in which its owner sent it
@@ -104,6 +105,11 @@ def is_available(status: int, localized: bool, stopped: bool, slot: int) -> bool
     return localized and not stopped and status == IDLE and slot == NO_SLOT
 
 
+def is_busy(localized: bool, stopped: bool, slot: int) -> bool:
+    """Whether a row's robot holds a claim that it can bring to an end."""
+    return localized and not stopped and slot != NO_SLOT
+
+
 def _of_peer(peer: Peer) -> Row:
     frame = peer.frame
     localized, stopped = bool(frame.flags & FLAG_LOCALIZED), bool(frame.flags & FLAG_STOPPED)
@@ -113,6 +119,7 @@ def _of_peer(peer: Peer) -> Row:
         confirmed=frame.claim.confirmed,
         slot=frame.claim.slot,
         available=is_available(frame.status, localized, stopped, frame.claim.slot),
+        busy=is_busy(localized, stopped, frame.claim.slot),
         costs=frame.costs,
         agrees=peer.agrees,
         round=peer.round,
@@ -135,6 +142,7 @@ def _of_relayed(peer: Peer | None, relayed: Relayed) -> Row:
         confirmed=row.confirmed,
         slot=row.slot,
         available=is_available(row.status, row.localized, row.stopped, row.slot),
+        busy=is_busy(row.localized, row.stopped, row.slot),
         costs=row.costs,
         agrees=True,
         round=relayed.round,

@@ -49,7 +49,7 @@ def take_snapshot(fleet: FleetState, stamp_ns: int) -> Snapshot:
     """The rows held at `stamp_ns`, the end of round `fleet.clock.round`."""
     n, m = len(fleet.peers), len(fleet.tasks.generations)
     costs = np.full((n, m), UNREACHABLE, np.uint8)
-    available, present, assigned, agree = (np.zeros(n, np.bool_) for _ in range(4))
+    available, busy, present, assigned, agree = (np.zeros(n, np.bool_) for _ in range(5))
     late, ages_ns = np.ones(n, np.bool_), np.full(n, np.inf)
     sequence, boot = np.zeros(n, np.uint32), np.zeros(n, np.uint32)
     rssi, slot = np.zeros(n, np.int8), np.full(n, NO_SLOT, np.uint8)
@@ -66,12 +66,14 @@ def take_snapshot(fleet: FleetState, stamp_ns: int) -> Snapshot:
         present[k] = stamp_ns - row.alive_ns <= fleet.timing.dead_ns
         assigned[k] = row.slot != NO_SLOT
         available[k] = present[k] and row.available
+        busy[k] = present[k] and row.busy
         agree[k] = row.generations_digest in (None, fleet.tasks.digest)
     if fleet.sent_generations is not None and fleet.robot >= 0:
         costs[fleet.robot, fleet.sent_generations != fleet.tasks.generations] = UNREACHABLE
     problem = Problem(
         costs_q=costs,
         available=available,
+        busy=busy,
         waiting=waiting_tasks(fleet, stamp_ns),
         present=present,
         assigned=assigned,

@@ -1,0 +1,1 @@
+"""Learning to allocate: worlds, the environment, networks, training, evaluation. Decides on quantised costs only."""
