@@ -12,7 +12,9 @@ class WorldSettings:
     """The paper's world: a grid of 1 m cells with random obstacles (experimental set-up)."""
 
     size_m: tuple[int, int, int] = (50, 50, 30)
-    obstacles: int = 40  # boxes standing on the ground
+    obstacles: int = 40  # boxes standing on the ground, anywhere, overlapping or not
+    obstacle_side_m: tuple[int, int] = (2, 6)  # shortest and longest side of a footprint
+    obstacle_height_m: tuple[int, int] = (3, 30)  # lowest and highest; cut off at the top of the world
     ugv_speed_mps: float = 3.0
     uav_speed_mps: float = 5.0
     sites: int = 192  # task places per world, on the ground unless airborne
@@ -47,6 +49,8 @@ class EnvSettings:
     episode_steps: int = 100  # truncation
     loss: float = 0.0  # of every frame, independently per receiver
     relay: bool = True
-    handover_gain_s: float = float("inf")  # on_completion: release a claim that another would serve sooner by this
+    handover_gain_s: float = float(
+        "inf"
+    )  # on_completion: release a claim that another would serve sooner by this
     rewards: RewardSettings = field(default_factory=RewardSettings)
     world: WorldSettings = field(default_factory=WorldSettings)
