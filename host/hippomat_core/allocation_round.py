@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.allocation.quantise import quantise, saturated
 from hippomat_core.faults import with_faults
-from hippomat_core.fleet.inputs import Intent, OwnInputs
+from hippomat_core.fleet.claims import OwnClaim
+from hippomat_core.fleet.inputs import Intent, Outlook, OwnInputs
 from hippomat_core.fleet.rounds import end_round, ended_alone, radio_ended
 from hippomat_core.messages import (
     WARNING,
@@ -26,7 +28,7 @@ from hippomat_core.messages import (
     SendState,
     SendTasks,
 )
-from hippomat_core.planning.distance_field import distance_at
+from hippomat_core.planning.distance_field import distance_at, distances_at
 from hippomat_core.planning.ground import Ground
 from hippomat_core.planning.reservations import encode_intent
 from hippomat_core.reactions import Permissions, permissions
@@ -73,10 +75,10 @@ def _round(
 ) -> State:
     assert ground is not None
     state = _with_fields(state, ground)
-    costs_s = _travel_costs_s(state, ground)
-    over = bool(saturated(costs_s, ground.c_max_s).any())
+    costs_s = _travel_costs_s(state, ground, state.pose[:2])
+    over = state.fleet.own_claim is None and bool(saturated(costs_s, ground.c_max_s).any())
     state = _saturation_alarm(state, over, ground.c_max_s, effects)
-    own = _own_inputs(state, quantise(costs_s, ground.c_max_s), over, allowed)
+    own = _own_inputs(state, ground, now_ns, costs_s, over, allowed)
     fleet, outcome = end_round(state.fleet, now_ns, own)
     effects += outcome.effects
     if outcome.state_frame is not None:
@@ -98,20 +100,38 @@ def _with_fields(state: State, ground: Ground) -> State:
     return replace(state, fields=state.fields.with_tasks(ground, wanted))
 
 
-def _travel_costs_s(state: State, ground: Ground) -> NDArray[np.float64]:
-    """(M,) [s] from here to every open task at our speed; inf where unreachable or not open."""
-    tasks, odometry = state.fleet.tasks, state.odometry
-    costs_s = np.full(len(tasks.generations), math.inf)
-    for slot, generation in enumerate(tasks.generations.tolist()):
-        field = state.fields.by_task.get((slot, generation))
-        if field is not None:
-            way_m = distance_at(ground.costmap, field, odometry.x_m, odometry.y_m)
-            costs_s[slot] = way_m / state.config.limits.speed_mps
+def _travel_costs_s(state: State, ground: Ground, place_m: tuple[float, float]) -> NDArray[np.float64]:
+    """(M,) [s] from a place (x, y) to every open task at our speed; inf where unreachable or not open."""
+    generations = state.fleet.tasks.generations.tolist()
+    held = [state.fields.by_task.get(task) for task in enumerate(generations)]
+    fields = {slot: field for slot, field in enumerate(held) if field is not None}
+    costs_s = np.full(len(generations), math.inf)
+    ways_m = distances_at(ground.costmap, list(fields.values()), *place_m)
+    costs_s[list(fields)] = ways_m / state.config.limits.speed_mps
     return costs_s
 
 
+def _outlook(state: State, ground: Ground, now_ns: int, claim: OwnClaim) -> Outlook:
+    """When and where we shall be free with this claim: the way there, its service, the ways from there."""
+    eta_s = _eta_s(state, ground, claim)
+    free_s = eta_s + claim.dwell_left_s(now_ns, state.config.fleet.dwell_s)
+    costs_s = free_s + _travel_costs_s(state, ground, claim.destination_m[:2])
+    return Outlook(eta_s, quantise(costs_s, ground.c_max_s))
+
+
+def _eta_s(state: State, ground: Ground, claim: OwnClaim) -> float:
+    """Until we are there: along the path that we drive, by the distance field where there is none yet."""
+    navigator, outcome = state.navigator, state.outcome
+    speed_mps = state.config.limits.speed_mps
+    if outcome is not None and navigator.destination == claim.destination_m[:2]:
+        return outcome.remaining_m / speed_mps
+    field = state.fields.by_task.get(claim.id.task)
+    return math.inf if field is None else distance_at(ground.costmap, field, *state.pose[:2]) / speed_mps
+
+
 def _saturation_alarm(state: State, over: bool, c_max_s: float, effects: list[Effect]) -> State:
-    if over == ("saturated" in state.alarms):
+    """For the row of a free robot; one that holds a claim may be free later than c_max without harm."""
+    if state.fleet.own_claim is not None or over == ("saturated" in state.alarms):
         return state
     if not over:
         effects.append(AlarmCleared("saturated"))
@@ -121,7 +141,14 @@ def _saturation_alarm(state: State, over: bool, c_max_s: float, effects: list[Ef
     return replace(state, alarms=state.alarms | {"saturated"})
 
 
-def _own_inputs(state: State, costs_q: NDArray[np.uint8], over: bool, allowed: Permissions) -> OwnInputs:
+def _own_inputs(
+    state: State,
+    ground: Ground,
+    now_ns: int,
+    costs_s: NDArray[np.float64],
+    over: bool,
+    allowed: Permissions,
+) -> OwnInputs:
     x_m, y_m, yaw_rad = state.pose
     codes = {code for code, _ in state.faults}
     localized = "not_localized" not in codes
@@ -132,9 +159,10 @@ def _own_inputs(state: State, costs_q: NDArray[np.uint8], over: bool, allowed: P
         | FLAG_SATURATED * over
     )
     outcome = state.outcome
-    way_m = 0.0 if outcome is None else outcome.remaining_m
     return OwnInputs(
-        costs_q=costs_q,
+        costs_q=quantise(costs_s, ground.c_max_s),
+        c_max_s=ground.c_max_s,
+        outlook=partial(_outlook, state, ground, now_ns),
         can_request=allowed.may_request,
         why_not=allowed.why_not,
         arrived=outcome is not None and outcome.arrived,
@@ -144,7 +172,6 @@ def _own_inputs(state: State, costs_q: NDArray[np.uint8], over: bool, allowed: P
         y_cm=_centimetres(y_m),
         yaw_256=round(yaw_rad / math.tau * 256) % 256,
         speed_2cmps=min(round(abs(state.odometry.v_mps) * 50), 255),
-        eta_s=min(way_m / state.config.limits.speed_mps, 6553.5),
         status=IDLE if localized else LOST,
         flags=flags,
         intent=_intent(state),

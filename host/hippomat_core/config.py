@@ -47,6 +47,7 @@ class FleetConfig:
     allocator: str = _choice("hungarian", "hungarian", "greedy", "random", "paper_network")
     policy: str = ""  # path of a safetensors file, for allocator = paper_network
     turnover: str = _choice("on_claim", "on_claim", "on_completion", "never")
+    handover_gain_s: float = _number(0.0, 0.0, 600.0)  # 0: whoever claims a task serves it
     task_source: str = _choice("continuous", "continuous", "orders")
     partition: str = _choice("auto", "auto", "wait", "serve")  # auto: serve for rosters under 3
     dwell_s: float = _number(0.5, 0.0, 600.0)
@@ -164,6 +165,11 @@ def _check_together(config: Config, name: str) -> None:
         raise ConfigError(
             f"{name}: [robot] id = {robot.id} is not in a fleet of size {fleet.size} "
             f"(ids 0..{fleet.size - 1}); raise [fleet] size or choose another id"
+        )
+    if fleet.handover_gain_s and fleet.turnover == "on_claim":
+        raise ConfigError(
+            f"{name}: [fleet] handover_gain_s = {fleet.handover_gain_s} needs a task that stays in its slot: set "
+            "turnover to on_completion or never, or handover_gain_s = 0"
         )
     if not math.isclose(fleet.round_s * 1000, round(fleet.round_s * 1000), abs_tol=1e-6):
         raise ConfigError(

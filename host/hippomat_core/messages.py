@@ -296,6 +296,7 @@ class RoundDecided:
     row_rssi_dbm: I8Array  # (N,)
     row_via: U8Array  # (N,) 255: it came in its owner's STATE; else in the RELAY of this robot
     row_available: U8Array  # (N,) 1: takes part in this allocation
+    row_busy: U8Array  # (N,) 1: holds a claim and takes part once it is served; its costs begin there
     row_slot: U8Array  # (N,) slot of the row's claim, 255 none
     costs: U8Array  # (N * M,) quantised
     generations: U16Array  # (M,)

@@ -21,7 +21,7 @@ from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.fleet.claims import OwnClaim
 from hippomat_core.fleet.hearing import heard_state, heard_tasks
 from hippomat_core.fleet.holding import is_confirmed_at
-from hippomat_core.fleet.inputs import OwnInputs
+from hippomat_core.fleet.inputs import Outlook, OwnInputs
 from hippomat_core.fleet.rounds import RoundOutcome, end_round, ended_alone
 from hippomat_core.fleet.sites import task_sites
 from hippomat_core.fleet.state import FleetState, initial, started, with_map
@@ -169,7 +169,22 @@ class Lab:
         away = np.hypot(*(robot.fleet.tasks.positions_m()[:, :2] - [robot.x, robot.y]).T)
         costs_q = quantise(away / self.speed_mps, C_MAX_S)
         x_cm, y_cm = round(robot.x * 100), round(robot.y * 100)
-        return OwnInputs(costs_q, can_request=True, arrived=arrived, x_cm=x_cm, y_cm=y_cm)
+        return OwnInputs(
+            costs_q,
+            can_request=True,
+            arrived=arrived,
+            x_cm=x_cm,
+            y_cm=y_cm,
+            outlook=lambda claim: self._outlook(robot, claim),
+            c_max_s=C_MAX_S,
+        )
+
+    def _outlook(self, robot: Robot, claim: OwnClaim) -> Outlook:
+        x, y, _ = claim.destination_m
+        eta_s = float(np.hypot(x - robot.x, y - robot.y)) / self.speed_mps
+        free_s = eta_s + claim.dwell_left_s(self.now_ns + robot.clock_ns, self.config.dwell_s)
+        away = np.hypot(*(robot.fleet.tasks.positions_m()[:, :2] - [x, y]).T)
+        return Outlook(eta_s, quantise(free_s + away / self.speed_mps, C_MAX_S))
 
     def _note(self, robot: Robot, outcome: RoundOutcome) -> None:
         for effect in outcome.effects:

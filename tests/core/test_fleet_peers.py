@@ -233,7 +233,7 @@ def test_the_largest_fleet_fits_the_frame():
     sites = task_sites(np.ones((160, 160), np.bool_), 0.05, 0.0, 0.0, 0.12)
     fleet, _ = with_map(fleet, 0, sites, DIGEST)
     intent = Intent(1, 2, 0, np.full(12, 14, np.uint8))
-    own = OwnInputs(np.zeros(80, np.uint8), can_request=True, intent=intent, eta_s=1e9)
+    own = OwnInputs(np.zeros(80, np.uint8), can_request=True, intent=intent)
     fleet, outcome = end_round(fleet, 1, own)
     assert outcome.state_frame is not None
     header = Header(STATE, False, 1, 63, 1, 1, 0)

@@ -253,7 +253,7 @@ def decided(logits: list[float], action: int) -> m.RoundDecided:
     none = np.zeros(1, np.uint8)
     wide = np.zeros(1, np.uint32)
     return m.RoundDecided(
-        1, "x", wide, wide, none.astype(np.uint16), none.astype(np.int8), none, none, none, none,
+        1, "x", wide, wide, none.astype(np.uint16), none.astype(np.int8), none, none, none, none, none,
         none.astype(np.uint16), none, np.array(logits, np.float32), action, "requested",
     )  # fmt: skip
 

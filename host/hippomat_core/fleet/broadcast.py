@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hippomat_core.fleet import votes as rule_f
 from hippomat_core.fleet.claims import free_tag
-from hippomat_core.fleet.inputs import OwnInputs
+from hippomat_core.fleet.inputs import Outlook, OwnInputs
 from hippomat_core.fleet.snapshot import task_states
 from hippomat_core.fleet.state import FleetState
 from hippomat_core.wire.frames import (
@@ -29,9 +29,10 @@ _TALKERS = 5  # of the others, about so many answer a differing digest in one ro
 
 
 def state_frame(fleet: FleetState, stamp_ns: int, own: OwnInputs, priced: NDArray[np.uint16]) -> StateFrame:
-    """Our STATE. priced: (M,) generations that own.costs_q is for; slots turned since cost 'unreachable'."""
+    """Our STATE. priced: (M,) generations that own's costs are for; slots turned since cost 'unreachable'."""
     claim = fleet.own_claim
-    costs = np.where(priced == fleet.tasks.generations, own.costs_q, UNREACHABLE).astype(np.uint8)
+    outlook = Outlook(0.0, own.costs_q) if claim is None else own.outlook_of(claim)
+    costs = np.where(priced == fleet.tasks.generations, outlook.costs_q, UNREACHABLE).astype(np.uint8)
     for slot, generation, _ in fleet.shunned:
         if fleet.tasks.generations[slot] == generation:
             costs[slot] = UNREACHABLE
@@ -45,7 +46,7 @@ def state_frame(fleet: FleetState, stamp_ns: int, own: OwnInputs, priced: NDArra
         z_cm=own.z_cm,
         yaw_256=own.yaw_256,
         speed_2cmps=own.speed_2cmps,
-        claim=claim.on_air(own.eta_s) if claim is not None else NO_CLAIM,
+        claim=claim.on_air(outlook.eta_s) if claim is not None else NO_CLAIM,
         costs=_frozen(costs),
         task_states=_frozen(task_states(fleet)),
         intent_ix=own.intent.ix,

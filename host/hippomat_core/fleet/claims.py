@@ -19,7 +19,13 @@ from hippomat_core.messages import ClaimChanged
 from hippomat_core.wire.frames import AirClaim
 
 TAGS = 3
-COORDINATED = ("hungarian", "greedy")  # never choose one task twice on one snapshot
+COORDINATED = (
+    "hungarian",
+    "look_ahead",
+    "greedy",
+    "auction",
+    "fixed_slot",
+)  # never choose one task twice on one snapshot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +58,11 @@ class OwnClaim:
     @property
     def destination_m(self) -> tuple[float, float, float]:
         return self.x_cm / 100, self.y_cm / 100, self.z_cm / 100
+
+    def dwell_left_s(self, stamp_ns: int, dwell_s: float) -> float:
+        """Of the service: the whole of dwell_s until it begins."""
+        served_ns = 0 if self.serving_ns is None else stamp_ns - self.serving_ns
+        return max(dwell_s - served_ns / 1e9, 0.0)
 
     def on_air(self, eta_s: float) -> AirClaim:
         claim, eta_ds = self.id, round(min(max(eta_s, 0.0), 6553.5) * 10)

@@ -34,9 +34,9 @@ def judge(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> Step:
         return fleet, []
     newest = int(fleet.tasks.generations[claim.id.slot])
     if own.drop_claim or fleet.barred:
-        return _ended(fleet, stamp_ns, "dropped", own.drop_claim or fleet.barred)
+        return ended(fleet, stamp_ns, "dropped", own.drop_claim or fleet.barred)
     if claim.id.generation < newest and not claim.turned:
-        return _ended(fleet, stamp_ns, "dropped", "superseded")
+        return ended(fleet, stamp_ns, "dropped", "superseded")
     effects: list[Effect] = []
     for row in fleet.rows():
         other = row.claim
@@ -49,8 +49,8 @@ def judge(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> Step:
             others = (known for known in claim.opposed if known.robot != other.robot)
             claim = replace(claim, opposed=(*others, other))
         if not kept:
-            fleet, ended = _ended(fleet, stamp_ns, "dropped", f"conflict: {cause}")
-            return fleet, effects + ended
+            fleet, more = ended(fleet, stamp_ns, "dropped", f"conflict: {cause}")
+            return fleet, effects + more
     return _give_up_if_refused(replace(fleet, own_claim=claim), stamp_ns, effects)
 
 
@@ -65,11 +65,12 @@ def _give_up_if_refused(fleet: FleetState, stamp_ns: int, effects: list[Effect])
     if stamp_ns - since_ns < patience_ns:
         return replace(fleet, own_claim=replace(claim, refused_ns=since_ns)), effects
     shunned = (*fleet.shunned, (*claim.id.task, stamp_ns + 2 * timing.refused_ns))
-    fleet, ended = _ended(replace(fleet, shunned=shunned), stamp_ns, "dropped", "refused")
-    return fleet, effects + ended
+    fleet, more = ended(replace(fleet, shunned=shunned), stamp_ns, "dropped", "refused")
+    return fleet, effects + more
 
 
-def _ended(fleet: FleetState, stamp_ns: int, what: str, cause: str) -> Step:
+def ended(fleet: FleetState, stamp_ns: int, what: str, cause: str) -> Step:
+    """Our claim is over, and its tag rests."""
     claim = fleet.own_claim
     assert claim is not None
     tags = tag_ended(fleet.tag_free_ns, claim.id.tag, stamp_ns, fleet.timing)
@@ -135,7 +136,7 @@ def serve(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> Step:
     since_ns = stamp_ns if claim.serving_ns is None else claim.serving_ns
     if stamp_ns - since_ns < round(fleet.config.dwell_s * 1e9):
         return replace(fleet, own_claim=replace(claim, serving_ns=since_ns)), []
-    fleet, effects = _ended(fleet, stamp_ns, "completed", "served")
+    fleet, effects = ended(fleet, stamp_ns, "completed", "served")
     if claim.turned:
         return fleet, effects
     fleet, turned = _turned(fleet, stamp_ns, claim, "completed")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hippomat_core.fleet.claims import OwnClaim
 from hippomat_core.wire.frames import FLAG_LOCALIZED, IDLE
 
 
@@ -25,10 +27,22 @@ class Intent:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OwnInputs:
-    """What the robot says of itself at the end of a round. Fleet frame."""
+class Outlook:
+    """What holding a claim means for the robot, from this moment on."""
 
-    costs_q: NDArray[np.uint8]  # (M,) for fleet.tasks as it is at the call; 255 = unreachable
+    eta_s: float  # until it is at the claim's destination; inf: there is no way
+    costs_q: NDArray[np.uint8]  # (M,) until it could be at each task, once it has served the claim
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OwnInputs:
+    """What the robot says of itself at the end of a round. Fleet frame.
+
+    A free robot broadcasts `costs_q`. One that holds a claim broadcasts its outlook instead, also in the round
+    in which it makes the claim; so others know when and where it will be free.
+    """
+
+    costs_q: NDArray[np.uint8]  # (M,) from here, for fleet.tasks as it is at the call; 255 = unreachable
     can_request: bool
     why_not: str = ""  # if it cannot
     arrived: bool = False  # within the goal tolerance of the claim's destination
@@ -39,8 +53,13 @@ class OwnInputs:
     z_cm: int = 0
     yaw_256: int = 0
     speed_2cmps: int = 0
-    eta_s: float = 0.0
+    outlook: Callable[[OwnClaim], Outlook] | None = None  # None: as if a claim were served already, here
+    c_max_s: float = 1.0  # that the costs are quantised with
     status: int = IDLE  # IDLE, or OBSERVING, BLOCKED, LOST; ASSIGNED and SERVING follow from the claim
     flags: int = FLAG_LOCALIZED
     intent: Intent = field(default_factory=Intent)
     stop_counter: int = 0
+
+    def outlook_of(self, claim: OwnClaim) -> Outlook:
+        """With `claim` in hand."""
+        return Outlook(0.0, self.costs_q) if self.outlook is None else self.outlook(claim)

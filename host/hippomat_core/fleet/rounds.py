@@ -1,6 +1,6 @@
 """The end of an allocation round: what we learn, hold, decide and say. A value in; a value and a STATE out.
 
-Order: expire the silent, judge our claim, vote, confirm, turn, serve, decide, speak. Our request is
+Order: expire the silent, judge our claim, vote, confirm, turn, serve, hand over, decide, speak. Our request is
 decided on our row as broadcast a round ago; the STATE built here carries the request and the next row.
 Knows no clock, motor or path: the caller says where the robot is and what each task costs.
 """
@@ -13,6 +13,7 @@ from hippomat_core.allocation.port import NO_LOGITS, Decision
 from hippomat_core.fleet import votes as rule_f
 from hippomat_core.fleet.broadcast import state_frame, tasks_frames
 from hippomat_core.fleet.claims import OwnClaim, free_tag
+from hippomat_core.fleet.handover import hand_over
 from hippomat_core.fleet.holding import Step, confirm, judge, serve, turn
 from hippomat_core.fleet.inputs import OwnInputs
 from hippomat_core.fleet.snapshot import Snapshot, round_decided, take_snapshot
@@ -41,7 +42,7 @@ def end_round(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> tuple[FleetSt
         raise ValueError(f"costs for {own.costs_q.shape} tasks, {fleet.tasks.generations.shape} needed")
     generations = fleet.tasks.generations
     effects: list[Effect] = []
-    for step in (_expire, judge, _vote, confirm, turn, serve, _decide):
+    for step in (_expire, judge, _vote, confirm, turn, serve, hand_over, _decide):
         fleet, more = step(fleet, stamp_ns, own)
         effects += more
     frame: StateFrame | None = None

@@ -138,6 +138,7 @@ def round_decided(
         row_rssi_dbm=snapshot.rssi_dbm,
         row_via=snapshot.via,
         row_available=problem.available.astype(np.uint8),
+        row_busy=problem.busy.astype(np.uint8),
         row_slot=snapshot.slot,
         costs=problem.costs_q.reshape(-1),
         generations=fleet.tasks.generations,

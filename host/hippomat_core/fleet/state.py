@@ -48,6 +48,7 @@ class FleetState:
     own_claim: OwnClaim | None = None
     tag_free_ns: tuple[int, ...] = (NEVER,) * TAGS
     shunned: tuple[tuple[int, int, int], ...] = ()  # (slot, generation, until_ns): refused lately
+    handed_over: frozenset[tuple[int, int]] = frozenset()  # (slot, generation): by us, once
     sent: StateFrame | None = None  # our last STATE: the row that others decide on
     sent_generations: NDArray[np.uint16] | None = None  # (M,) that its costs were for
     self_turned_ns: int = NEVER
@@ -134,6 +135,7 @@ def with_map(fleet: FleetState, stamp_ns: int, sites: NDArray[np.int16], digest:
         own_claim=None,
         tag_free_ns=tag_free_ns,
         shunned=(),
+        handed_over=frozenset(),
         sent=None,
         sent_generations=None,
     )

@@ -23,6 +23,7 @@ LEASE_ROUNDS = 3  # not less than SLOT_ROUNDS + HOLD_ROUNDS, see votes.py, "Why 
 SLOT_ROUNDS = 1
 HOLD_ROUNDS = 2
 SETTLE_ROUNDS = 1.9  # rows with costs of a new generation need this long to reach everyone (see settle_ns)
+HANDOVER_ROUNDS = 10  # long enough to hear of it and to claim, with some frames lost on the way
 TURN_ROUNDS = 2  # on_claim: a confirmed claim waits this long for late votes before its slot turns
 DEAD_S = 3.0
 
@@ -84,6 +85,11 @@ class Timing:
         two rounds, and not just under, the jitter of the round ends would decide for each of them.
         """
         return round(SETTLE_ROUNDS * self.round_ns)
+
+    @property
+    def handover_ns(self) -> int:
+        """Whoever handed a task over leaves it alone for so long."""
+        return HANDOVER_ROUNDS * self.round_ns
 
     @property
     def turn_ns(self) -> int:

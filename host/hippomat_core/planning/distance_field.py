@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +25,22 @@ def distance_field(costmap: Costmap, cell: tuple[int, int]) -> NDArray[np.float6
 
 
 def distance_at(costmap: Costmap, field: NDArray[np.float64], x_m: float, y_m: float) -> float:
-    """Drivable metres from (x, y) to the field's goal; inf where unreachable.
+    """Drivable metres from (x, y) to the field's goal; inf where unreachable."""
+    return float(distances_at(costmap, [field], x_m, y_m)[0])
+
+
+def distances_at(
+    costmap: Costmap, fields: Sequence[NDArray[np.float64]], x_m: float, y_m: float
+) -> NDArray[np.float64]:
+    """(K,) [m] from (x, y) to each field's goal; inf where unreachable.
 
     A point inside the inflation counts from the nearest free cell, plus the straight way to it.
     """
     cell = nearest_free(costmap, x_m, y_m)
     if cell is None:
-        return math.inf
+        return np.full(len(fields), math.inf)
     extra_m = 0.0
     if cell != costmap.grid.cell_of(x_m, y_m):
         centre_x, centre_y = costmap.grid.centre_of(*cell)
         extra_m = math.hypot(centre_x - x_m, centre_y - y_m)
-    return float(field[cell[1], cell[0]]) + extra_m
+    return np.array([field[cell[1], cell[0]] for field in fields], np.float64) + extra_m
