@@ -168,8 +168,8 @@ def _check_together(config: Config, name: str) -> None:
         )
     if fleet.handover_gain_s and fleet.turnover == "on_claim":
         raise ConfigError(
-            f"{name}: [fleet] handover_gain_s = {fleet.handover_gain_s} needs a task that stays in its slot: set "
-            "turnover to on_completion or never, or handover_gain_s = 0"
+            f"{name}: [fleet] handover_gain_s = {fleet.handover_gain_s} needs a task that stays in its slot: "
+            "set turnover to on_completion or never, or handover_gain_s = 0"
         )
     if not math.isclose(fleet.round_s * 1000, round(fleet.round_s * 1000), abs_tol=1e-6):
         raise ConfigError(

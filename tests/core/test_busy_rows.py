@@ -1,4 +1,4 @@
-"""The row of a robot that holds a claim counts from there: the time until it is free, and the ways behind it."""
+"""The row of a robot that holds a claim counts from there: until it is free, and on."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ def test_a_task_is_handed_over_once_by_one_robot():
 
 
 def test_a_handover_where_tasks_leave_their_slots_is_refused_by_name():
-    with pytest.raises(ConfigError, match="handover_gain_s = 2.0 needs a task that stays in its slot"):
+    with pytest.raises(ConfigError, match=r"handover_gain_s = 2\.0 needs a task that stays in its slot"):
         config_from_dict({"fleet": {"handover_gain_s": 2.0}})
     config_from_dict({"fleet": {"handover_gain_s": 2.0, "turnover": "never"}})
 

@@ -1,10 +1,10 @@
 """A claim handed over: a robot on its way leaves its task to an idle one that would be there much sooner.
 
-Only where the task stays in its slot until it is served (not turnover on_claim). A handover is a claim released
-and another made: rule F sees nothing else, so it can break nothing. It is done where every robot that holds
-our rows can foresee the outcome: the heir has nothing else to do in this round, and the allocator, run on the
-snapshot without our claim, gives the task to it. We then leave the task alone for a while, and hand it over
-once only, so that it cannot go to and fro. Knows no path: the caller says how far away the task still is.
+Only where the task stays in its slot until it is served (not turnover on_claim). A handover is a claim
+released and another made: rule F sees nothing else, so it can break nothing. The heir must have nothing else
+to do in this round, and the allocator, run on the snapshot without our claim, must give it the task. We then
+leave the task alone for a while, and hand it over once only, so that it cannot go to and fro. Knows no path:
+the caller says how far away the task still is.
 """
 
 from __future__ import annotations

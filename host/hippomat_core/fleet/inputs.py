@@ -38,8 +38,8 @@ class Outlook:
 class OwnInputs:
     """What the robot says of itself at the end of a round. Fleet frame.
 
-    A free robot broadcasts `costs_q`. One that holds a claim broadcasts its outlook instead, also in the round
-    in which it makes the claim; so others know when and where it will be free.
+    A free robot broadcasts `costs_q`. One that holds a claim broadcasts its outlook instead, from the round
+    on in which it makes the claim; so others know when and where it will be free.
     """
 
     costs_q: NDArray[np.uint8]  # (M,) from here, for fleet.tasks as it is at the call; 255 = unreachable

@@ -1,7 +1,7 @@
 """The end of an allocation round: what we learn, hold, decide and say. A value in; a value and a STATE out.
 
-Order: expire the silent, judge our claim, vote, confirm, turn, serve, hand over, decide, speak. Our request is
-decided on our row as broadcast a round ago; the STATE built here carries the request and the next row.
+Order: expire the silent, judge our claim, vote, confirm, turn, serve, hand over, decide, speak. Our request
+is decided on our row as broadcast a round ago; the STATE built here carries the request and the next row.
 Knows no clock, motor or path: the caller says where the robot is and what each task costs.
 """
 
