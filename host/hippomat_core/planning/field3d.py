@@ -1,9 +1,9 @@
 """Shortest way from every cell of a 3D grid to one goal: 26-connected, no corner cutting, exact in integers.
 
 A diagonal step needs every cell of the box it spans free: a robot has width. One layer (Z = 1) is the ground.
-Step lengths are 20586, 29113 and 35656 for 1, sqrt(2) and sqrt(3) cells (ratios right to 6e-8), so that sums are
-exact in every order. Knows cells, not metres. Buckets no wider than the shortest step settle every cell in one
-pass (Dial 1969, Algorithm 360; Denardo and Fox 1979).
+Step lengths are 20586, 29113 and 35656 for 1, sqrt(2) and sqrt(3) cells (ratios right to 6e-8), so that sums
+are exact in every order. Knows cells, not metres. Buckets no wider than the shortest step settle every cell
+in one pass (Dial 1969, Algorithm 360; Denardo and Fox 1979).
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ STEPS_3D = tuple(
 _LENGTHS = np.array(
     [(0, STRAIGHT, DIAGONAL, SPACE_DIAGONAL)[3 - step.count(0)] for step in STEPS_3D], np.int32
 )
+_STEPS = np.array(STEPS_3D, np.int32)
 _RING = 3  # buckets in use at once: a step from one ends at most two further on
 
 
@@ -35,6 +36,13 @@ class CellSpace:
     # ((Z + 2) (Y + 2) (X + 2),) with a border of one cell: bit k = STEPS_3D[k] is allowed here
     steps_out: NDArray[np.uint32]
     offsets: NDArray[np.int32]  # (26,) from an index into steps_out to that of the step's end
+
+    def is_free(self, cell: tuple[int, int, int]) -> bool:
+        """Whether (ix, iy, iz) is inside the grid and free."""
+        layers, height, width = self.free.shape
+        ix, iy, iz = cell
+        inside = 0 <= ix < width and 0 <= iy < height and 0 <= iz < layers
+        return inside and bool(self.free[iz, iy, ix])
 
     def node_of(self, cell: tuple[int, int, int]) -> int:
         """Index of (ix, iy, iz) into steps_out."""
@@ -60,43 +68,40 @@ def cell_space(free: NDArray[np.bool_]) -> CellSpace:
 
 
 def distance_field_3d(space: CellSpace, cell: tuple[int, int, int]) -> NDArray[np.int32]:
-    """(Z, Y, X) [1 / STRAIGHT of a cell's side] to (ix, iy, iz); UNREACHED where there is no way or no free cell."""
+    """(Z, Y, X) [1 / STRAIGHT of a cell's side] to (ix, iy, iz).
+
+    UNREACHED where there is no way; everywhere if the goal itself is outside or not free.
+    """
     layers, height, width = space.free.shape
     field = np.full(space.steps_out.shape, UNREACHED, np.int32)
-    ix, iy, iz = cell
-    inside = 0 <= ix < width and 0 <= iy < height and 0 <= iz < layers
-    if inside and space.free[iz, iy, ix]:
+    if space.is_free(cell):
         _spread(space.steps_out, space.offsets, space.node_of(cell), field)
     return field.reshape(layers + 2, height + 2, width + 2)[1:-1, 1:-1, 1:-1]
 
 
-def way_down(
-    space: CellSpace, field: NDArray[np.int32], cell: tuple[int, int, int]
-) -> list[tuple[int, int, int]]:
-    """Cells of one shortest way from `cell` to the goal of `field`, both included; empty if there is none."""
+def way_down(space: CellSpace, field: NDArray[np.int32], cell: tuple[int, int, int]) -> NDArray[np.int32]:
+    """(K, 3) [ix, iy, iz] of one shortest way from `cell` to the goal of `field`, both included.
+
+    Of equally short ways always the same. K = 0 where there is none. ValueError for a field of another space.
+    """
     ix, iy, iz = cell
-    left = int(field[iz, iy, ix])
-    if left == UNREACHED:
-        return []
-    way = [(ix, iy, iz)]
-    while left > 0:
-        steps = int(space.steps_out[space.node_of((ix, iy, iz))])
-        for bit, (dx, dy, dz) in enumerate(STEPS_3D):
-            if steps >> bit & 1 and int(field[iz + dz, iy + dy, ix + dx]) + int(_LENGTHS[bit]) == left:
-                ix, iy, iz = ix + dx, iy + dy, iz + dz
-                break
-        else:
-            raise ValueError(f"the field does not belong to this space: no step leads down from {ix, iy, iz}")
-        left = int(field[iz, iy, ix])
-        way.append((ix, iy, iz))
-    return way
+    if not space.is_free(cell) or field[iz, iy, ix] == UNREACHED:
+        return np.empty((0, 3), np.int32)
+    way = np.empty((int(field[iz, iy, ix]) // STRAIGHT + 1, 3), np.int32)
+    layers, height, width = space.free.shape
+    steps_out = space.steps_out.reshape(layers + 2, height + 2, width + 2)[1:-1, 1:-1, 1:-1]
+    way[0] = cell
+    count = _descend(steps_out, field, way)
+    if count == 0:
+        raise ValueError(f"the field does not belong to this space: stuck on the way from {cell}")
+    return way[:count]
 
 
 @njit(cache=True, nogil=True)
 def _spread(
     steps_out: NDArray[np.uint32], offsets: NDArray[np.int32], goal: int, field: NDArray[np.int32]
 ) -> None:
-    """Fill `field` (all UNREACHED) from `goal`. A cell enters a bucket at most once, so that the ring fits."""
+    """Fill `field` (all UNREACHED) from `goal`. A cell enters a bucket at most once, so the ring suffices."""
     ring = np.empty((_RING, len(steps_out)), np.int32)
     counts = np.zeros(_RING, np.int64)
     field[goal] = 0
@@ -123,3 +128,24 @@ def _spread(
                             counts[slot] += 1
         counts[here] = 0
         bucket += 1
+
+
+@njit(cache=True, nogil=True)
+def _descend(steps_out: NDArray[np.uint32], field: NDArray[np.int32], way: NDArray[np.int32]) -> int:
+    """Continue way[0] to the goal; the number of cells, 0 if no step leads down by just its length."""
+    ix, iy, iz = way[0]
+    count = 1
+    while field[iz, iy, ix] > 0:
+        chosen = -1
+        for bit in range(26):
+            if steps_out[iz, iy, ix] >> np.uint32(bit) & np.uint32(1):
+                dx, dy, dz = _STEPS[bit]
+                if field[iz + dz, iy + dy, ix + dx] + _LENGTHS[bit] == field[iz, iy, ix]:
+                    chosen = bit
+                    break
+        if chosen < 0 or count == len(way):
+            return 0
+        ix, iy, iz = ix + _STEPS[chosen, 0], iy + _STEPS[chosen, 1], iz + _STEPS[chosen, 2]
+        way[count, 0], way[count, 1], way[count, 2] = ix, iy, iz
+        count += 1
+    return count
