@@ -161,6 +161,7 @@ def _recording(
             wall_ns=time.time_ns(),
             stamp_ns=stamp_ns,
             lossless=lossless,
+            policy=policy or b"",
         )
     except OSError as error:
         raise HippomatError(

@@ -43,10 +43,15 @@ def _toml_value(value: Any) -> str:
     return repr(value)
 
 
-def daemon_command(run: Run, directory: Path, paths: dict[int, str], policy: Path | None) -> list[str]:
-    """The command line that runs the daemon as it ran; writes its configuration and map into `directory`."""
+def daemon_command(run: Run, directory: Path, paths: dict[int, str]) -> list[str]:
+    """The command line that runs the daemon as it ran.
+
+    Writes its configuration, map and policy into `directory`.
+    """
     config = run.config
-    if policy is not None:
+    if run.policy:
+        policy = directory / "policy.safetensors"
+        policy.write_bytes(run.policy)
         config = replace(config, fleet=replace(config.fleet, policy=str(policy.resolve())))
     settings = directory / "hippomat.toml"
     settings.write_text(to_toml(config), encoding="utf-8")

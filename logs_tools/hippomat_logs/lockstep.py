@@ -30,13 +30,11 @@ PROGRESS_STEP = 500
 TOLD = (SerialRecord, m.Started, m.MapReceived, m.Tick, m.PortOpened, m.PortLost)
 
 
-def replay_in_daemon(
-    run: Run, policy: Path | None, exact: bool, progress: Callable[[str, int], None]
-) -> LevelResult:
+def replay_in_daemon(run: Run, exact: bool, progress: Callable[[str, int], None]) -> LevelResult:
     """Drive one daemon through `run` and compare what it decided."""
     with tempfile.TemporaryDirectory(prefix="hippomat-replay-") as name:
         directory = Path(name)
-        again = _drive(run, policy, directory, progress)
+        again = _drive(run, directory, progress)
         return compare_runs(run, again, exact)
 
 
@@ -59,13 +57,13 @@ def instruction(message: Any) -> dict[str, Any] | None:
     return None
 
 
-def _drive(run: Run, policy: Path | None, directory: Path, progress: Callable[[str, int], None]) -> Run:
+def _drive(run: Run, directory: Path, progress: Callable[[str, int], None]) -> Run:
     """Run the daemon to the end of the log; its own log, opened."""
     logs, address = directory / "log", directory / "lockstep"
     with FakePorts(run) as ports, socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
         listener.bind(str(address))
         listener.listen(1)
-        command = daemon_command(run, directory, ports.paths, policy)
+        command = daemon_command(run, directory, ports.paths)
         command += ["--lockstep", str(address), "--log", str(logs)]
         with (
             DaemonProcess(command, run, directory) as daemon,

@@ -17,6 +17,7 @@ from hippomat_logs.sink import Sink
 
 CHUNK_BYTES = 256 * 1024
 RUN_METADATA = "hippomat.run"  # directly behind the header of every part
+POLICY_ATTACHMENT = "policy.safetensors"  # behind the manifest, where the allocator has weights
 END_METADATA = "hippomat.end"  # last of a part that was finished
 
 _QOS = """- history: 1
@@ -76,7 +77,9 @@ def our_channels(store: MessageStore) -> list[ChannelSpec]:
 class PartWriter:
     """An open part. After an OSError it must be abandoned: mcap's writer then holds a stale chunk."""
 
-    def __init__(self, sink: Sink, manifest: Mapping[str, str], channels: Sequence[ChannelSpec]) -> None:
+    def __init__(
+        self, sink: Sink, manifest: Mapping[str, str], channels: Sequence[ChannelSpec], policy: bytes = b""
+    ) -> None:
         self.sink = sink
         self._writer: Any = Writer(  # its methods carry no annotations
             cast(Any, sink),
@@ -87,6 +90,10 @@ class PartWriter:
         )
         self._writer.start(profile="ros2", library=f"hippomat {package_version()}")
         self._writer.add_metadata(RUN_METADATA, dict(manifest))
+        if policy:
+            wall_ns = int(manifest.get("started_ns", "0")) + int(manifest.get("wall_offset_ns", "0"))
+            media_type = "application/octet-stream"
+            self._writer.add_attachment(wall_ns, wall_ns, POLICY_ATTACHMENT, media_type, policy)
         schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         for spec in channels:

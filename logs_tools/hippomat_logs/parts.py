@@ -39,6 +39,7 @@ class PartSeries:
         manifest: Mapping[str, str],
         store: MessageStore,
         part_bytes: int,
+        policy: bytes = b"",
     ) -> None:
         self._open_sink = open_sink
         self._name = name
@@ -46,6 +47,7 @@ class PartSeries:
         self._store = store
         self._channels = our_channels(store)
         self._part_bytes = part_bytes
+        self._policy = policy  # goes into every part, as the manifest does
         self._part: PartWriter | None = None
         self._index = 0  # of the next part
         self._retry_at_s = 0.0
@@ -121,7 +123,7 @@ class PartSeries:
         else:
             raise FileExistsError(f"{self._name}_000.mcap and {MAX_PARTS} more exist")
         facts = {**self._manifest, "part": str(self._index), "first_record": str(first_record)}
-        part = PartWriter(sink, facts, self._channels)
+        part = PartWriter(sink, facts, self._channels, self._policy)
         try:
             part.flush()
         except OSError:

@@ -6,6 +6,7 @@ version recorded with other definitions.
 
 from __future__ import annotations
 
+import hashlib
 import mmap
 import zlib
 from collections.abc import Collection, Iterator, Sequence
@@ -70,6 +71,7 @@ class Run:
 
     paths: tuple[Path, ...]
     manifest: dict[str, str]
+    policy: bytes = b""  # the weights that decided, as safetensors; empty where the allocator has none
     lost: list[str] = field(default_factory=list)  # one line per explained loss
     records: int = 0
     recovered: bool = False  # its end is missing
@@ -160,18 +162,20 @@ def _gap(expected: int, found: int) -> str:
 
 
 def open_runs(paths: Sequence[Path]) -> list[Run]:
-    """Group files into runs (one per robot and session), parts in order. Reads manifests only."""
-    groups: dict[tuple[str, str], list[tuple[int, Path, dict[str, str], int]]] = {}
+    """Group files into runs (one per robot and session), parts in order."""
+    groups: dict[tuple[str, str], list[tuple[int, Path, Contents, int]]] = {}
     store = reading_store()
     for path in dict.fromkeys(_expanded(paths)):
-        manifest, messages = read_manifest(path, store)
+        contents, messages = read_contents(path, store)
+        manifest = contents.manifest
         key = manifest.get("robot", ""), manifest.get("session_id", "")
-        groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, manifest, messages))
+        groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, contents, messages))
     runs = []
     for parts in groups.values():
         parts.sort(key=lambda part: part[0])
-        total = sum(messages for *_, messages in parts)
-        runs.append(Run(tuple(path for _, path, *_ in parts), parts[0][2], records=total, store=store))
+        total, first = sum(messages for *_, messages in parts), parts[0][2]
+        paths_in_order = tuple(path for _, path, *_ in parts)
+        runs.append(Run(paths_in_order, first.manifest, first.policy, records=total, store=store))
     return sorted(runs, key=lambda run: (run.robot, run.manifest.get("started_ns", "")))
 
 
@@ -188,8 +192,11 @@ def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
             yield path
 
 
-def read_manifest(path: Path, store: MessageStore) -> tuple[dict[str, str], int]:
-    """Manifest and number of records of a part, after a check of all its bytes and message definitions."""
+def read_contents(path: Path, store: MessageStore) -> tuple[Contents, int]:
+    """What a part holds beside its records, and how many those are.
+
+    After a check of all its bytes, of its message definitions, and that the policy is the manifest's.
+    """
     contents = Contents()
     records = sum(raw.topic in CLASSES for raw in read_raw(path, contents))
     for channel in contents.channels.values():
@@ -199,7 +206,10 @@ def read_manifest(path: Path, store: MessageStore) -> tuple[dict[str, str], int]
                 f"{path}: {channel.type_name} has other fields in this log, recorded by hippomat "
                 f"{contents.manifest.get('hippomat', '?')}: read it with that version"
             )
-    return contents.manifest, records
+    policy = hashlib.sha256(contents.policy).hexdigest() if contents.policy else ""
+    if policy != contents.manifest.get("policy_hash", ""):
+        raise LogError(f"{path}: holds another policy than its manifest names, or none")
+    return contents, records
 
 
 def read_records(path: Path | str) -> Iterator[tuple[int, int, str, Any]]:

@@ -45,7 +45,7 @@ class Recorder:
     """Calls come from one thread, in the order that the record numbers shall have.
 
     manifest: see manifest.run_manifest. wall_ns and stamp_ns are read together; log times are the wall clock
-    that results, so they never step. lossless=True waits for the writer instead of dropping (for replays).
+    that results, so they never step. policy: the weights that decide, for the replay. lossless=True waits for the writer instead of dropping (for replays).
     Raises OSError where `directory` cannot be written at the start; never afterwards.
     """
 
@@ -60,6 +60,7 @@ class Recorder:
         open_sink: SinkOpener | None = None,
         queue_records: int = QUEUE_RECORDS,
         lossless: bool = False,
+        policy: bytes = b"",
     ) -> None:
         self._offset_ns = wall_ns - stamp_ns
         self._directory = Path(directory)
@@ -77,7 +78,7 @@ class Recorder:
         facts = {**manifest, "wall_offset_ns": str(self._offset_ns), "started_ns": str(stamp_ns)}
         name = log_name(manifest, wall_ns)
         opener = open_sink or file_sinks(self._directory)
-        self._series = PartSeries(opener, name, facts, self._store, config.log.part_mib << 20)
+        self._series = PartSeries(opener, name, facts, self._store, config.log.part_mib << 20, policy)
         self._series.open()
         for topic, data in self._derived.static():
             self._series.add(Encoded(topic, 0, wall_ns, data, derived=True), time.monotonic())

@@ -122,12 +122,12 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
                 if writer is None:
                     facts = {**contents.manifest, "recovered": "yes"}
                     sink = FileSink(path.parent, name, RECOVERING)
-                    writer = PartWriter(sink, facts, list(contents.channels.values()))
+                    writer = PartWriter(sink, facts, list(contents.channels.values()), contents.policy)
                 writer.add(raw.topic, raw.number, raw.log_time_ns, raw.data)
                 kept += raw.topic in CLASSES
             if writer is None and contents.manifest:
                 sink = FileSink(path.parent, name, RECOVERING)
-                writer = PartWriter(sink, {**contents.manifest, "recovered": "yes"}, [])
+                writer = PartWriter(sink, {**contents.manifest, "recovered": "yes"}, [], contents.policy)
             if writer is not None:
                 writer.finish(None)
         except OSError:

@@ -6,12 +6,10 @@ where one is installed. Knows logs, not terminals.
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.level1 import ByteCheck
@@ -30,20 +28,16 @@ PROGRESS_STEP = 1000
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
     levels: tuple[str, ...] = LEVELS
-    policy: Path | None = None  # the file whose hash is in the manifest, where it is not where it was
     strict: bool = False
 
 
 def replay_run(run: Run, options: ReplayOptions, progress: Progress = lambda *_: None) -> RunReport:
     """All wanted levels on one run; never raises for what a log holds."""
     report = RunReport(run.name, run.robot)
-    policy: bytes | None = None
-    wants_core = "L2" in options.levels
     decisions: DecisionReplay | None = None
     try:
-        if wants_core:
-            policy = policy_of(run, options.policy)
-            decisions = _decision_replay(run, policy)
+        if "L2" in options.levels:
+            decisions = _decision_replay(run)
     except LogError as error:
         report.results.append(LevelResult("L0", LOSSY, detail=str(error)))
         return report
@@ -96,16 +90,15 @@ def _with_reason(run: Run, result: LevelResult) -> LevelResult:
 
 def _live_levels(run: Run, options: ReplayOptions, report: RunReport, progress: Progress) -> None:
     if "daemon" in options.levels:
-        report.results.append(_guarded("daemon", lambda: _in_daemon(run, options, progress)))
+        report.results.append(_guarded("daemon", lambda: _in_daemon(run, progress)))
     if "L3" in options.levels:
         report.results.append(_guarded("L3", lambda: check_motion(run, options.strict)))
 
 
-def _in_daemon(run: Run, options: ReplayOptions, progress: Progress) -> LevelResult:
+def _in_daemon(run: Run, progress: Progress) -> LevelResult:
     if importlib.util.find_spec("hippomat_host") is None:
         return LevelResult("daemon", NOT_RUN, detail="hippomat_host is not installed")
-    policy_of(run, options.policy)
-    return replay_in_daemon(run, options.policy, same_fingerprint(run), progress)
+    return replay_in_daemon(run, same_fingerprint(run), progress)
 
 
 def _guarded(level: str, check: Callable[[], LevelResult]) -> LevelResult:
@@ -115,10 +108,10 @@ def _guarded(level: str, check: Callable[[], LevelResult]) -> LevelResult:
         return LevelResult(level, FAULT, detail=str(error))
 
 
-def _decision_replay(run: Run, policy: bytes | None) -> DecisionReplay:
+def _decision_replay(run: Run) -> DecisionReplay:
     started_ns = int(run.manifest.get("started_ns", "0"))
     exact = same_fingerprint(run)
-    return DecisionReplay(run.config, policy, run.store, exact, started_ns, run.wall_offset_ns)
+    return DecisionReplay(run.config, run.policy or None, run.store, exact, started_ns, run.wall_offset_ns)
 
 
 def same_fingerprint(run: Run) -> bool:
@@ -127,21 +120,3 @@ def same_fingerprint(run: Run) -> bool:
         return bool(json.loads(run.manifest.get("fingerprint", "{}")) == fingerprint())
     except ValueError:
         return False
-
-
-def policy_of(run: Run, given: Path | None) -> bytes | None:
-    """The policy's bytes, checked against the manifest's hash."""
-    wanted = run.manifest.get("policy_hash", "")
-    if not wanted:
-        return None
-    path = given or Path(run.config.fleet.policy)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise HippomatError(
-            f"{run.name} was decided by a policy file that cannot be read: {path}: {error.strerror}; "
-            f"give it with --policy (its SHA-256 is {wanted[:16]}...)"
-        ) from None
-    if hashlib.sha256(data).hexdigest() != wanted:
-        raise HippomatError(f"{path}: is not the policy that {run.name} ran; its SHA-256 must be {wanted}")
-    return data

@@ -88,9 +88,6 @@ def parser() -> Parser:
     made.add_argument(
         "--no-daemon", action="store_true", help="do not start the daemon (same as leaving it out)"
     )
-    made.add_argument(
-        "--policy", type=Path, metavar="FILE", help="the policy file of the run, if it has moved"
-    )
     made.add_argument("--strict", action="store_true", help="a miss of L3's bar is a divergence")
     made.add_argument("--json", action="store_true", help="print the results as JSON")
     made.add_argument(
@@ -111,7 +108,7 @@ def _levels(text: str) -> tuple[str, ...]:
 
 def _options(options: argparse.Namespace) -> ReplayOptions:
     levels = tuple(name for name in options.levels if not (options.no_daemon and name == "daemon"))
-    return ReplayOptions(levels, options.policy, options.strict)
+    return ReplayOptions(levels, options.strict)
 
 
 def _say_error(error: HippomatError, as_json: bool, console: Console) -> None:

@@ -31,7 +31,7 @@ def serve(runs: list[Run], console: Console, speed: float = 1.0) -> int:
         directory = Path(name)
         links = ports.link_into(directory)
         paths = {port: str(path) for port, path in links.items()}
-        command = ["hippomat-host", *daemon_command(run, directory, paths, None)[3:]]
+        command = ["hippomat-host", *daemon_command(run, directory, paths)[3:]]
         command += ["--log", "runs/served"]  # never beside the original: metrics would count both
         console.print(f"{run.name}: ports of robot {run.robot}")
         for port, path in links.items():

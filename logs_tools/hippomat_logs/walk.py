@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 import zstandard
 
 from hippomat_core.errors import LogError
-from hippomat_logs.part import END_METADATA, RUN_METADATA, ChannelSpec
+from hippomat_logs.part import END_METADATA, POLICY_ATTACHMENT, RUN_METADATA, ChannelSpec
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7
-STATISTICS, METADATA, DATA_END = 0x0B, 0x0C, 0x0F
+ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x09, 0x0B, 0x0C, 0x0F
 FOOTER_BYTES, DATA_END_BYTES = 9 + 20, 9 + 4
 MAX_CHUNK_BYTES = 64 << 20
 _PREFIX = struct.Struct("<BQ")
@@ -39,6 +39,7 @@ class Contents:
 
     manifest: dict[str, str] = field(default_factory=dict)
     end: dict[str, str] = field(default_factory=dict)
+    policy: bytes = b""  # safetensors; empty where the allocator has no weights
     channels: dict[int, ChannelSpec] = field(default_factory=dict)
     schemas: dict[int, tuple[str, bytes]] = field(default_factory=dict)
     messages: int = 0
@@ -133,6 +134,8 @@ def _walk(
                     yield from _inside(memoryview(inside), contents)
             elif opcode == METADATA:
                 _metadata(body, contents)
+            elif opcode == ATTACHMENT:
+                _attachment(body, at, contents)
             elif opcode not in (HEADER, MESSAGE_INDEX):
                 raise LogError(f"record at byte {at} has opcode {opcode}, which our logs never hold there")
             at = contents.complete_bytes = behind
@@ -221,6 +224,16 @@ def _metadata(body: memoryview, contents: Contents) -> None:
         contents.manifest.update(_pairs(body, at))
     elif name == END_METADATA:
         contents.end.update(_pairs(body, at))
+
+
+def _attachment(body: memoryview, at: int, contents: Contents) -> None:
+    name, behind = _string(body, 16)
+    _, behind = _string(body, behind)
+    (length,) = struct.unpack_from("<Q", body, behind)
+    if length != len(body) - behind - 12 or zlib.crc32(body[:-4]) != struct.unpack("<I", body[-4:])[0]:
+        raise LogError(f"attachment at byte {at} has a wrong length or checksum")
+    if name == POLICY_ATTACHMENT:
+        contents.policy = bytes(body[behind + 8 : -4])
 
 
 def _schema(body: memoryview, contents: Contents) -> None:

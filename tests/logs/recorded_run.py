@@ -17,7 +17,7 @@ from hippomat_logs.manifest import run_manifest
 from hippomat_logs.recorder import Recorder
 
 CONFIG = Config(
-    fleet=FleetConfig(size=3, task_slots=4),
+    fleet=FleetConfig(size=3, task_slots=4, allocator="hungarian"),
     robot=RobotConfig(id=0, start_x_m=1.0, start_y_m=1.0, start_known=True),
 )
 WALL_NS, START_NS = 1_700_000_000_000_000_000, 5_000_000_000
@@ -33,12 +33,26 @@ def room() -> m.MapReceived:
 class RecordedRun:
     """Feeds the core and a recorder alike, as one daemon would."""
 
-    def __init__(self, directory: Path, config: Config = CONFIG, **options: Any) -> None:
-        manifest = run_manifest(config, session_id="0000abcd")
+    def __init__(
+        self,
+        directory: Path,
+        config: Config = CONFIG,
+        policy: bytes | None = None,
+        recorded_policy: bytes | None = None,
+        **options: Any,
+    ) -> None:
+        manifest = run_manifest(config, session_id="0000abcd", policy=policy)
         self.recorder = Recorder(
-            directory, manifest, config=config, wall_ns=WALL_NS, stamp_ns=START_NS, lossless=True, **options
+            directory,
+            manifest,
+            config=config,
+            wall_ns=WALL_NS,
+            stamp_ns=START_NS,
+            lossless=True,
+            policy=recorded_policy if recorded_policy is not None else policy or b"",
+            **options,
         )
-        self._state = initial_state(config)
+        self._state = initial_state(config, policy)
         self._decoders = {port: decoder_for(port) for port in range(3)}
         self.decisions = 0
 
