@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rich.console import Console
-from test_worlds import SMALL
+from world_samples import SMALL
 
 from hippomat_core.allocation.quantise import quantise
 from hippomat_core.errors import ConfigError

@@ -6,23 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from world_samples import SMALL
 
 from hippomat_core.errors import ConfigError
 from hippomat_core.planning.field3d import UNREACHED, distance_field_3d
 from hippomat_sim.learn.settings import UAV, UGV, WorldSettings
 from hippomat_sim.learn.worlds import checked, make_world
 
-SMALL = WorldSettings(
-    size_m=(12, 12, 6),
-    obstacles=5,
-    obstacle_side_m=(1, 4),
-    obstacle_height_m=(1, 6),
-    sites=8,
-    airborne_sites=3,
-    starts=16,
-    worlds=3,
-    seed=7,
-)
 CROWDED = replace(SMALL, size_m=(20, 16, 8), obstacles=45)
 
 
