@@ -19,11 +19,17 @@ examples:
   hippomat-bench radio --nodes 30 --rate 10 --hidden 0.2 --seconds 60
   hippomat-bench radio --loss 0.3 --json
   hippomat-bench radio --faults --seconds 3600 --no-plain --plot agreement.png
+  hippomat-bench tables --out build/tables --resume
+  hippomat-bench tables --only fixed --methods graphsage,greedy --agents 5,10 --episodes 200
 """
 _RADIO = """\
 Simulates the firmware's own radio cores on a medium with carrier sense, hidden stations and
 collisions, each with a minimal host and a clock of its own; beside it the same traffic with random
 jitter and unsynchronised periodic sending."""
+_TABLES = """\
+Compares every way to allocate on the same frozen problems: the paper's four tables beside its own
+values, fixed and continuous tasks, what learning adds, losses, larger fleets, permuted slots. Writes
+Markdown, CSV, JSON and pictures; what was measured stays in a file, and --resume goes on from there."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -37,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _main(arguments: Sequence[str] | None) -> int:
-    from hippomat_sim.bench import radio_command  # here: guarded() names a package that is missing
+    from hippomat_sim.bench import radio_command, tables_command  # here: guarded() names a missing package
 
     parser = _Parser(
         prog="hippomat-bench",
@@ -45,7 +51,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="radio")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="radio | tables")
     radio = commands.add_parser(
         "radio",
         help="delivery, fleet time, snapshots and STOP of a fleet of radios",
@@ -55,6 +61,15 @@ def _main(arguments: Sequence[str] | None) -> int:
     )
     radio_command.add_options(radio)
     radio.set_defaults(run=radio_command.run)
+    tables = commands.add_parser(
+        "tables",
+        help="what the ways to allocate achieve, beside the paper's values",
+        description=_TABLES,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    tables_command.add_options(tables)
+    tables.set_defaults(run=tables_command.run)
     options = parser.parse_args(arguments)
     try:
         return int(options.run(options))

@@ -1,0 +1,50 @@
+"""What a reader of the report has to know before its tables: how it was made, on what, with which weights."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from hippomat_sim.bench.tables_cells import Plan
+from hippomat_sim.bench.tables_run import STEP_S, STEPS, WARM_UP_STEPS, Bench, Results
+from hippomat_sim.bench.tables_stats import RESAMPLES
+
+TITLE = "Results"
+
+_TEXT = """\
+Made by `make results` (trains what is missing, then runs `hippomat-bench tables`); do not edit. Every
+number is in `results.csv`, with both ends of its interval.
+
+Worlds: {worlds} test worlds that no training saw, {size} m with {obstacles} boxes; half of the agents
+are UGVs with {ugv:g} m/s on the ground, half UAVs with {uav:g} m/s in 3D. Costs are shortest paths at
+straight-line speed, sent as the 8-bit codes of the air. All methods meet the same instances (seed {seed},
+{episodes} of each size; slow methods the first ones of them) and, of several requests for a task, the
+smallest (cost, id) wins. Continuous tasks run in steps of {step:g} s, {steps} of which count after
+{warm_up}, in {episodes} / N copies.
+
+`x ± h`: h is half the width of the 95 % interval, by bootstrap over the instances ({resamples} resamples,
+the same for every method, so that differences are paired). A decision time is a median."""
+
+
+def preface(plan: Plan, bench: Bench, results: Results) -> str:
+    """Markdown."""
+    world = bench.world
+    text = _TEXT.format(
+        worlds=world.worlds,
+        size=" x ".join(map(str, world.size_m)),
+        obstacles=world.obstacles,
+        ugv=world.ugv_speed_mps,
+        uav=world.uav_speed_mps,
+        seed=plan.seed,
+        episodes=plan.episodes,
+        step=STEP_S,
+        steps=STEPS,
+        warm_up=WARM_UP_STEPS,
+        resamples=RESAMPLES,
+    )
+    return "\n\n".join([text, *_weights(results)])
+
+
+def _weights(results: Results) -> Iterator[str]:
+    if results.fingerprints:
+        named = (f"{name} `{value[:12]}`" for name, value in sorted(results.fingerprints.items()))
+        yield f"Weights: {', '.join(named)}."

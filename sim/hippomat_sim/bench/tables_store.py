@@ -1,0 +1,90 @@
+"""Finished measurements on the disk, one JSON line each, so that an interrupted run goes on where it was.
+
+A line's key holds everything that determines the measurement; another policy, pool or code is another key.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hippomat_core.errors import ConfigError
+from hippomat_sim.bench.tables_cells import Cell
+from hippomat_sim.learn.evaluation import Figures
+
+STORE_NAME = "cells.jsonl"
+# Whatever is changed here may change a figure.
+_SOURCES = (("hippomat_core", "allocation"), ("hippomat_sim", "learn"), ("hippomat_sim", "learn/networks"))
+_NO_SOURCE = ("cli", "ippo", "rllib", "curves", "checkpoint", "export", "train", "rollout", "parallel_env")
+
+
+class Store:
+    """cells.jsonl in a directory. fresh: begin with an empty one."""
+
+    def __init__(self, directory: Path, fresh: bool) -> None:
+        self._path = directory / STORE_NAME
+        self._lines: dict[str, Figures] = {}
+        if fresh:
+            self._path.unlink(missing_ok=True)
+        elif self._path.exists():
+            self._load()
+
+    def get(self, key: str) -> Figures | None:
+        return self._lines.get(key)
+
+    def put(self, key: str, figures: Figures) -> None:
+        """On the disk when this returns."""
+        self._lines[key] = figures
+        values = {name: array.tolist() for name, array in figures.items()}
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"key": json.loads(key), "figures": values}) + "\n")
+
+    def _load(self) -> None:
+        lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
+        if lines and not lines[-1].endswith("\n"):  # the writer was killed in the middle of it
+            self._path.write_text("".join(lines := lines[:-1]), encoding="utf-8")
+        for number, line in enumerate(lines, start=1):
+            try:
+                entry = json.loads(line)
+                figures = {name: np.array(values, np.int64) for name, values in entry["figures"].items()}
+                self._lines[_text(entry["key"])] = figures
+            except (ValueError, KeyError, TypeError, AttributeError) as error:
+                raise ConfigError(
+                    f"{self._path}:{number} is damaged ({error}): remove the file or leave out --resume"
+                ) from error
+
+
+def key_of(cell: Cell, facts: Mapping[str, Any]) -> str:
+    """facts: what else determines the measurement, such as seed, pool, weights, code."""
+    return _text({**asdict(cell), **facts})
+
+
+def _text(key: Mapping[str, Any]) -> str:
+    return json.dumps(key, sort_keys=True)
+
+
+def code_hash() -> str:
+    """Of the sources of allocators, environment and evaluation."""
+    digest = hashlib.sha256()
+    for package, directory in _SOURCES:
+        for source in sorted(_python_files(files(package).joinpath(directory)), key=lambda file: file.name):
+            digest.update(source.name.encode() + source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _python_files(directory: Traversable) -> Iterable[Traversable]:
+    if not directory.is_dir():
+        return ()
+    return (
+        file
+        for file in directory.iterdir()
+        if file.name.endswith(".py") and not file.name.startswith(_NO_SOURCE)
+    )
