@@ -7,45 +7,20 @@ import math
 
 import numpy as np
 import pytest
+from allocation_samples import U, cost_matrices, problem
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from safetensors.numpy import save
 
-from hippomat_core.allocation.factory import make_allocator
+from hippomat_core.allocation.factory import BASELINES, make_allocator
 from hippomat_core.allocation.greedy import assign_greedily
 from hippomat_core.allocation.hungarian import assign
 from hippomat_core.allocation.observation import observations
 from hippomat_core.allocation.paper_network import KEYS, MASKED_LOGIT, expected_shapes
-from hippomat_core.allocation.port import Problem
 from hippomat_core.allocation.pure_hash import hash_below, pure_hash
 from hippomat_core.allocation.quantise import dequantise, quantise, saturated
 from hippomat_core.errors import ConfigError
-
-U = 255  # unreachable
-
-
-def problem(costs: object, self_index: int = 0, **others: object) -> Problem:
-    costs_q = np.asarray(costs, np.uint8)
-    n, m = costs_q.shape
-    fields: dict[str, object] = {
-        "available": np.ones(n, np.bool_),
-        "busy": np.zeros(n, np.bool_),
-        "waiting": np.ones(m, np.bool_),
-        "present": np.ones(n, np.bool_),
-        "assigned": np.zeros(n, np.bool_),
-        "ages_rounds": np.zeros(n, np.float32),
-        "round": 0,
-        "seed": 1,
-    }
-    return Problem(costs_q=costs_q, self_index=self_index, **{**fields, **others})  # type: ignore[arg-type]
-
-
-def cost_matrices(most: int = 6) -> st.SearchStrategy[np.ndarray]:
-    sizes = st.tuples(st.integers(1, most), st.integers(1, most))
-    codes = st.one_of(st.integers(0, 12), st.just(U), st.integers(0, 255))  # few values: many ties
-    return sizes.flatmap(lambda shape: arrays(np.uint8, shape, elements=codes))
-
 
 # ---- quantisation -------------------------------------------------------------------------------
 
@@ -277,13 +252,16 @@ def test_files_that_hold_no_policy_are_refused_by_name():
         make_allocator("paper_network", save({"w": np.zeros(3, np.float32)}), 2, 3)
     with pytest.raises(ConfigError, match="policy"):
         make_allocator("paper_network", None, 2, 3)
-    with pytest.raises(ConfigError, match=r"known: hungarian"):
-        make_allocator("auction", None, 2, 3)
+    with pytest.raises(
+        ConfigError,
+        match=f"known: {', '.join(BASELINES)}, .*paper_network",
+    ):
+        make_allocator("best", None, 2, 3)
 
 
 def test_allocators_leave_the_problem_as_it_was():
     costs = np.random.default_rng(7).integers(0, 256, (3, 3)).astype(np.uint8)
     before = costs.copy()
-    for name in ("hungarian", "greedy", "random", "paper_network"):
+    for name in (*BASELINES, "paper_network"):
         make_allocator(name, save(weights(3, 3)), 3, 3).allocate(problem(costs))
     assert np.array_equal(costs, before)
