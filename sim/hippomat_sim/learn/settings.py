@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 UGV, UAV = 0, 1  # vehicle classes, first axis of WorldPool.travel_ms
+TURNOVERS = ("never", "on_claim", "on_completion")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +48,13 @@ class EnvSettings:
     uav_share: float = 0.5
     airborne_tasks: float = 0.0  # share of tasks drawn from the airborne sites
     step_s: float = 0.25  # time between allocation rounds
+    dwell_s: float = 0.0  # how long an agent serves a task once it is there
     episode_steps: int = 100  # truncation
     loss: float = 0.0  # of every frame, independently per receiver
     relay: bool = True
-    handover_gain_s: float = float(
-        "inf"
-    )  # on_completion: release a claim that another would serve sooner by this
+    dead_s: float = 3.0  # a robot unheard for longer takes no part
+    handover_gain_s: float = (
+        math.inf
+    )  # on_completion: leave a task to an idle agent that is there sooner by this
     rewards: RewardSettings = field(default_factory=RewardSettings)
     world: WorldSettings = field(default_factory=WorldSettings)
