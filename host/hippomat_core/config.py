@@ -20,6 +20,9 @@ else:
 
 MAX_ROBOTS = 64
 MAX_TASK_SLOTS = 80
+BASELINES = ("hungarian", "look_ahead", "greedy", "nearest", "auction", "ipso_g", "random", "fixed_slot")
+POLICY_ALLOCATORS = ("graphsage", "paper_network")  # decide with trained weights
+ALLOCATORS = (*POLICY_ALLOCATORS, *BASELINES)
 ROBOTS_PER_SECOND_OF_ROUND = 320  # STATE and two relays in slots of 1.04 ms: 32 robots in 100 ms
 
 T = TypeVar("T")
@@ -44,8 +47,9 @@ class FleetConfig:
     seed: int = _number(1, 0, 2**31 - 1)
     round_s: float = _number(0.1, 0.05, 1.0)
     c_max_s: float = _number(0.0, 0.0, 10_000.0)  # 0: derived from the map
-    allocator: str = _choice("hungarian", "hungarian", "greedy", "random", "paper_network")
-    policy: str = ""  # path of a safetensors file, for allocator = paper_network
+    allocator: str = _choice("hungarian", *ALLOCATORS)
+    policy: str = ""  # path of a safetensors file, for POLICY_ALLOCATORS; graphsage has a default
+    policy_per_robot: bool = False  # weights may differ between robots and stay out of the digest
     turnover: str = _choice("on_claim", "on_claim", "on_completion", "never")
     handover_gain_s: float = _number(0.0, 0.0, 600.0)  # 0: whoever claims a task serves it
     task_source: str = _choice("continuous", "continuous", "orders")

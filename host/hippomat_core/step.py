@@ -78,7 +78,8 @@ def _map_received(state: State, event: MapReceived) -> Stepped:
     grid = OccupancyGrid(cells, event.resolution_m, event.origin_x_m, event.origin_y_m)
     ground = ground_of(grid, event.epoch, state.config)
     sites = ground.sites.tobytes() if state.fleet.tasks.continuous else b""
-    digest = fleet_digest(state.config.fleet, ground.c_max_s, grid.hash() + sites, state.policy_hash)
+    weights = b"" if state.config.fleet.policy_per_robot else state.policy_hash
+    digest = fleet_digest(state.config.fleet, ground.c_max_s, grid.hash() + sites, weights)
     fleet, effects = fleet_state.with_map(state.fleet, event.stamp_ns, ground.sites, digest)
     navigator = forget_path(state.navigator)
     state = replace(state, ground=ground, fleet=fleet, fields=Fields({}), navigator=navigator, outcome=None)

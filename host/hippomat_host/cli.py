@@ -42,8 +42,13 @@ def _daemon(arguments: list[str]) -> int:
     args = parser().parse_args(arguments)
     config = config_of(args)
     given = given_of(args, config)
+    from hippomat_logs.numba_cache import ensure_numba_cache
+
+    note = ensure_numba_cache()
     from hippomat_host.startup import run  # --help must not wait for NumPy, OpenCV and the log
 
+    if note:
+        print(note, flush=True)
     return run(config, given, args.lockstep)
 
 

@@ -11,7 +11,14 @@ import os
 from pathlib import Path
 from typing import Any, NoReturn
 
-from hippomat_core.config import Config, config_from_dict, config_to_dict, parse_config
+from hippomat_core.config import (
+    ALLOCATORS,
+    POLICY_ALLOCATORS,
+    Config,
+    config_from_dict,
+    config_to_dict,
+    parse_config,
+)
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.messages import BASE, LIDAR, PORT_NAMES, RADIO
 from hippomat_host.acceptance import FLAGS
@@ -78,6 +85,16 @@ def parser() -> Parser:
         "--map", metavar="YAML", help="the map that the whole fleet shares (ROS map_server format)"
     )
     robot.add_argument("--robot", metavar="N", type=int, help="this robot's id; without one it only observes")
+    robot.add_argument(
+        "--allocator",
+        metavar="NAME",
+        help=f"how tasks are chosen, as the whole fleet: {', '.join(ALLOCATORS)}",
+    )
+    robot.add_argument(
+        "--policy",
+        metavar="FILE",
+        help=f"weights (safetensors) for {' or '.join(POLICY_ALLOCATORS)}; default: those of the package",
+    )
     robot.add_argument("--start", metavar="X,Y,YAW", help="where it stands: metres and radians, map frame")
     log = options.add_argument_group("recording").add_mutually_exclusive_group()
     log.add_argument("--log", metavar="DIR", help="directory of the run logs (default: runs)")
@@ -98,11 +115,21 @@ def config_of(args: argparse.Namespace) -> Config:
         tree["robot"]["id"] = args.robot
     if args.start is not None:
         tree["robot"] |= _start(args.start)
+    if args.allocator is not None:
+        tree["fleet"]["allocator"] = args.allocator
+    if args.policy is not None:
+        tree["fleet"]["policy"] = args.policy
     if args.log is not None:
         tree["log"] |= {"directory": args.log, "enabled": True}
     if args.no_log:
         tree["log"]["enabled"] = False
-    return config_from_dict(tree, args.config or "command line")
+    config = config_from_dict(tree, args.config or "command line")
+    if args.policy is not None and config.fleet.allocator not in POLICY_ALLOCATORS:
+        raise ConfigError(
+            f"--policy {args.policy}: allocator {config.fleet.allocator!r} has no weights; give --allocator "
+            f"{' or '.join(POLICY_ALLOCATORS)} too"
+        )
+    return config
 
 
 def given_of(args: argparse.Namespace, config: Config) -> Given:

@@ -6,6 +6,7 @@ Decides the order of starting and stopping. What the daemon does meanwhile is in
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import shlex
 import sys
 import time
@@ -13,7 +14,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from hippomat_core.config import Config, RobotConfig
+from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import BASE, LIDAR, RADIO
@@ -26,21 +27,24 @@ from hippomat_host.links import Link, SerialLink
 from hippomat_host.lockstep import LockstepReactor
 from hippomat_host.reactor import Reactor, RealReactor, StopSignal
 from hippomat_host.screen import Screen, screen_for
+from hippomat_host.warm_up import prepare_allocator
 from hippomat_logs.manifest import new_session_id, run_manifest
 from hippomat_logs.map_files import load_map
+from hippomat_logs.policy_files import policy_name, policy_of
 from hippomat_logs.recorder import Recorder
 from hippomat_logs.recovery import recover_directory
 
 
 def run(config: Config, given: Given, lockstep: str | None) -> int:
     """The daemon from start to exit code; raises HippomatError for what the user can put right."""
-    policy = _policy(config)
+    policy = policy_of(config.fleet)
     grid = load_map(given.map) if given.map else None
     if grid is not None and config.robot.start_known:
         _check_start(config.robot, grid)
     if config.log.enabled and lockstep is None:
         for line in recover_directory(config.log.directory):
             print(f"earlier log {line}", flush=True)
+    prepare_allocator(config.fleet, policy, partial(print, flush=True))
     links = make_links(config, given)
     try:
         with StopSignal() as stop, closing_all(links):
@@ -107,7 +111,7 @@ def _run(
     recording = _recording(config, given, stamp_ns, policy, grid, lossless=lockstep is not None)
     screen = screen_for(given)
     daemon = Daemon(config, links, recording, screen, policy, grid)
-    _welcome(screen, given, config)
+    _welcome(screen, given, config, policy)
     fault: Exception | None = None
     reason = ""
     try:
@@ -126,14 +130,24 @@ def _run(
     return 0
 
 
-def _welcome(screen: Screen, given: Given, config: Config) -> None:
+def _welcome(screen: Screen, given: Given, config: Config, policy: bytes | None) -> None:
     if given.observes:
         screen.line("observing: shows and records the fleet, requests nothing, moves nothing")
     if given.missing and not sys.stdout.isatty():  # the live table keeps showing it
         screen.line(f"missing: {', '.join(given.missing)}")
         screen.line(f"next: {given.next_command()}")
-    if not given.observes and config.fleet.allocator == "hungarian":
-        screen.line("allocator: hungarian on the shared snapshot (no trained policy is in use)")
+    if not given.observes:
+        screen.line(f"allocator: {allocator_line(config.fleet, policy)}")
+
+
+def allocator_line(fleet: FleetConfig, policy: bytes | None) -> str:
+    """How this robot decides, for the screen."""
+    if policy is None:
+        return f"{fleet.allocator} on the shared snapshot (no trained policy is in use)"
+    line = f"{fleet.allocator} with {policy_name(fleet)}, SHA-256 {hashlib.sha256(policy).hexdigest()[:12]}"
+    if fleet.policy_per_robot:
+        line += "; weights are not compared with the other robots' (policy_per_robot)"
+    return line
 
 
 def _recording(
@@ -166,15 +180,4 @@ def _recording(
     except OSError as error:
         raise HippomatError(
             f"cannot record into {directory}: {error.strerror or error}; give --log DIR or --no-log"
-        ) from None
-
-
-def _policy(config: Config) -> bytes | None:
-    if not config.fleet.policy:
-        return None
-    try:
-        return Path(config.fleet.policy).read_bytes()
-    except OSError as error:
-        raise ConfigError(
-            f"[fleet] policy = {config.fleet.policy!r} cannot be read: {error.strerror or error}"
         ) from None

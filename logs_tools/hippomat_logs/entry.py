@@ -8,6 +8,9 @@ import sys
 def replay() -> int:
     """hippomat-replay's exit code."""
     try:
+        from hippomat_logs.numba_cache import ensure_numba_cache
+
+        ensure_numba_cache()
         from hippomat_logs.replay_cli import main
 
         return main()

@@ -25,7 +25,7 @@ from hippomat_core.wire.frames import PROTOCOL_VERSION
 from hippomat_logs.part import package_version
 
 FORMAT = "1"
-_LIBRARIES = ("numpy", "scipy", "opencv-python-headless")
+_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "numba", "llvmlite")
 THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 

@@ -45,7 +45,8 @@ class Recorder:
     """Calls come from one thread, in the order that the record numbers shall have.
 
     manifest: see manifest.run_manifest. wall_ns and stamp_ns are read together; log times are the wall clock
-    that results, so they never step. policy: the weights that decide, for the replay. lossless=True waits for the writer instead of dropping (for replays).
+    that results, so they never step.
+    lossless=True waits for the writer instead of dropping (for replays). policy: the weights that decide.
     Raises OSError where `directory` cannot be written at the start; never afterwards.
     """
 

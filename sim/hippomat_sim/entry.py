@@ -22,6 +22,9 @@ def _run() -> int:
 def guarded(command: str, run: Callable[[], int]) -> int:
     """The exit code of run(), which loads what it needs; a missing package or Ctrl-C is one line."""
     try:
+        from hippomat_logs.numba_cache import ensure_numba_cache
+
+        ensure_numba_cache()
         return run()
     except ModuleNotFoundError as error:
         if error.name not in SIM_PACKAGES:

@@ -254,7 +254,8 @@ class Lab:
 
 
 def fleet_config(size: int = 5, slots: int = 12, **others: object) -> FleetConfig:
-    return FleetConfig(size=size, task_slots=slots, dwell_s=0.3, **others)  # type: ignore[arg-type]
+    settings: dict[str, object] = {"dwell_s": 0.3, "allocator": "hungarian", **others}
+    return FleetConfig(size=size, task_slots=slots, **settings)  # type: ignore[arg-type]
 
 
 def draws(*seed: int) -> random.Random:

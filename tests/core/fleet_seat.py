@@ -133,7 +133,8 @@ def relayed(robot: int, claim: AirClaim = NO_CLAIM, **others: object) -> RelayRo
 
 
 def seat(size: int = 3, robot: int = 0, mapped: bool = True, **fleet: object) -> Seat:
-    settings = FleetConfig(size=size, task_slots=M, **fleet)  # type: ignore[arg-type]
+    chosen = {"allocator": "hungarian", **fleet}
+    settings = FleetConfig(size=size, task_slots=M, **chosen)  # type: ignore[arg-type]
     state = started(initial(Config(fleet=settings, robot=RobotConfig(id=robot))), 0)
     if mapped:
         state, _ = with_map(state, 0, SITES, DIGEST)

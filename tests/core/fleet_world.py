@@ -93,7 +93,7 @@ class FleetWorld:
         self.random = np.random.default_rng(seed)
         self.loss = loss
         self.now_ns = 1_000_000_000
-        fleet = replace(fleet or FleetConfig(task_slots=6), size=robots)
+        fleet = replace(fleet or FleetConfig(task_slots=6, allocator="hungarian"), size=robots)
         self.bodies = [self._body(robot, fleet) for robot in range(robots)]
 
     def _body(self, robot: int, fleet: FleetConfig) -> Body:

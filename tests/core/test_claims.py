@@ -173,6 +173,7 @@ def test_a_voter_changes_its_mind_only_after_a_release_or_a_fallow_time(steps):
     """Law: from one claim's last quote to another's first on one task, the owner let go or time ran out."""
     votes: Votes = ()
     holds: dict[int, ClaimId] = {}
+    died: dict[int, ClaimId] = {}
     let_go: set[ClaimId] = set()
     last_quoted: tuple[ClaimId, int] | None = None
     now_ns = 0
@@ -182,9 +183,9 @@ def test_a_voter_changes_its_mind_only_after_a_release_or_a_fallow_time(steps):
             if what == "claims":
                 holds.setdefault(robot, claim(robot, tag=now_ns // ROUND % 3 + 1, cost=robot))
             elif what == "lets go":
-                let_go |= {holds.pop(robot)} if robot in holds else set()
-            elif what == "dies":
-                holds.pop(robot, None)
+                let_go |= {held.pop(robot) for held in (holds, died) if robot in held}
+            elif what == "dies" and robot in holds:
+                died[robot] = holds.pop(robot)  # its next row, after a reboot, lets the claim go
             if what in ("claims", "lets go"):
                 votes = row(votes, robot, holds.get(robot), now_ns)
             claims = [holds[robot]] if what == "claims" else []

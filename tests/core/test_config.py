@@ -30,7 +30,7 @@ def test_a_configuration_survives_the_way_through_the_manifest():
         ("[fleet]\nsize = 3.5", r"size = 3\.5 must be of type int"),
         ("[fleet]\nsize = true", r"size = True must be of type int"),
         ("[limits]\nspeed_mps = nan", r"speed_mps = nan is outside"),
-        ('[fleet]\nallocator = "magic"', r"'magic' is not one of hungarian, greedy"),
+        ('[fleet]\nallocator = "magic"', r"'magic' is not one of graphsage, paper_network, hungarian"),
         ("[fleet]\nsize = 3\n[robot]\nid = 3", r"id = 3 is not in a fleet of size 3 \(ids 0\.\.2\)"),
         (
             "[fleet]\nsize = 33",

@@ -228,7 +228,7 @@ def test_rounds_are_due_once_each():
 
 
 def test_the_largest_fleet_fits_the_frame():
-    settings = FleetConfig(size=64, task_slots=80, round_s=0.2)
+    settings = FleetConfig(size=64, task_slots=80, round_s=0.2, allocator="hungarian")
     fleet = started(initial(Config(fleet=settings, robot=RobotConfig(id=63))), 0)
     sites = task_sites(np.ones((160, 160), np.bool_), 0.05, 0.0, 0.0, 0.12)
     fleet, _ = with_map(fleet, 0, sites, DIGEST)

@@ -49,7 +49,7 @@ def codes(body, kind=AlarmRaised):
 @pytest.fixture(scope="module")
 def minute():
     """Four robots, 20 % loss, half a minute; never changed by a test."""
-    world = FleetWorld(4, loss=0.2, seed=5, fleet=FleetConfig(task_slots=8))
+    world = FleetWorld(4, loss=0.2, seed=5, fleet=FleetConfig(task_slots=8, allocator="hungarian"))
     nearest = []
     for _ in range(30 * 20):
         world.tick()
@@ -114,7 +114,7 @@ def test_nobody_moves_or_asks_before_it_has_listened_for_three_seconds():
 
 
 def test_an_observer_neither_sends_nor_drives():
-    state = initial_state(Config())
+    state = initial_state(Config(fleet=FleetConfig(allocator="hungarian")))
     grid = room()
     said = []
     for event in (Started(0), map_event(grid, 0), *(PortOpened(0, p, "test") for p in (RADIO, BASE, LIDAR))):
@@ -230,13 +230,15 @@ def test_a_peer_with_another_fleet_digest_is_named_and_not_allocated_against():
 
 
 def test_a_map_without_room_is_refused_by_name():
-    state = initial_state(Config(robot=RobotConfig(0)))
+    state = initial_state(Config(fleet=FleetConfig(allocator="hungarian"), robot=RobotConfig(0)))
     wall = OccupancyGrid(np.full((10, 10), 100, np.int8), 0.05, 0.0, 0.0)
     with pytest.raises(MapError, match="inflation_radius"):
         step(state, map_event(wall, 0))
 
 
 def test_more_task_slots_than_the_map_has_room_for_are_refused_with_the_limit():
-    state = initial_state(Config(fleet=FleetConfig(task_slots=80), robot=RobotConfig(0)))
+    state = initial_state(
+        Config(fleet=FleetConfig(task_slots=80, allocator="hungarian"), robot=RobotConfig(0))
+    )
     with pytest.raises(ConfigError, match="task_slots"):
         step(state, map_event(room(2.0), 0))

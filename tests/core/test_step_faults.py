@@ -184,7 +184,7 @@ def body_peers(world, body):
 
 
 def digest_of(source, **robot):
-    fleet = FleetConfig(task_slots=6, c_max_s=60.0, task_source=source)
+    fleet = FleetConfig(task_slots=6, c_max_s=60.0, task_source=source, allocator="hungarian")
     config = Config(fleet=fleet, robot=RobotConfig(0, **robot))
     return step(initial_state(config), map_event(room(), 0))[0].fleet.digest
 

@@ -46,7 +46,7 @@ def without(body, *kinds):
 @pytest.fixture(scope="module")
 def minute():
     """Four robots at 30 % loss, half a minute; never changed by a test."""
-    world = SlottedWorld(4, loss=0.3, seed=5, fleet=FleetConfig(task_slots=8))
+    world = SlottedWorld(4, loss=0.3, seed=5, fleet=FleetConfig(task_slots=8, allocator="hungarian"))
     world.run(30.0)
     return world
 
@@ -99,7 +99,7 @@ def test_all_robots_decide_on_the_same_rows_whoever_passed_them_on(minute):
 
 
 def test_robots_that_never_hear_each_other_share_tasks_and_see_no_pose_of_each_other():
-    world = SlottedWorld(3, seed=2, fleet=FleetConfig(task_slots=6))
+    world = SlottedWorld(3, seed=2, fleet=FleetConfig(task_slots=6, allocator="hungarian"))
     world.hears = lambda sender, receiver: sender != receiver and {sender, receiver} != {0, 2}
     world.run(15.0)
     done = [(c.slot, c.generation) for body in world.bodies for c in body.claims("completed")]
@@ -154,7 +154,12 @@ def test_after_a_hold_up_old_rows_count_for_nothing_and_one_round_ends():
 
 def started(**robot):
     """A core that has just started, with a map and a radio."""
-    state = initial_state(Config(robot=RobotConfig(2, 1.0, 1.0, 0.0, start_known=True, **robot)))
+    state = initial_state(
+        Config(
+            fleet=FleetConfig(allocator="hungarian"),
+            robot=RobotConfig(2, 1.0, 1.0, 0.0, start_known=True, **robot),
+        )
+    )
     for event in (Started(0), map_event(room(), 0), PortOpened(0, RADIO, "test")):
         state, _ = step(state, event)
     return state

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hippomat_core.config import Config
+from hippomat_core.config import Config, FleetConfig
 from hippomat_core.messages import BASE, LIDAR, RADIO, Event
 from hippomat_core.wire import rplidar
 from hippomat_core.wire.jetbot_base import encode_velocity
@@ -78,14 +78,13 @@ def screen(lines: list[str]) -> Iterator[Screen]:
     screen.close()
 
 
+CONFIG = Config(fleet=FleetConfig(allocator="hungarian"))
 OPEN = [Happening(0, START), *(Happening(0, OPENED, port, text="it") for port in (RADIO, BASE, LIDAR))]
 
 
 def test_after_a_fault_the_base_is_stopped_first_and_the_rest_is_closed(screen: Screen) -> None:
     done: list[tuple[int, object]] = []
-    daemon = Daemon(
-        Config(), [WiredLink(port, done) for port in (RADIO, BASE, LIDAR)], BrokenAtTick(), screen
-    )
+    daemon = Daemon(CONFIG, [WiredLink(port, done) for port in (RADIO, BASE, LIDAR)], BrokenAtTick(), screen)
     with pytest.raises(RuntimeError):
         daemon.run(Told(*OPEN, Happening(1, TICK)))
     done.clear()
@@ -111,7 +110,7 @@ def test_bytes_of_a_port_that_is_not_open_are_recorded_but_decode_to_nothing(scr
             self.noted.append("serial")
 
     recording, done = Noting(), []
-    daemon = Daemon(Config(), [WiredLink(BASE, done)], recording, screen)
+    daemon = Daemon(CONFIG, [WiredLink(BASE, done)], recording, screen)
     reason = daemon.run(
         Told(Happening(0, START), Happening(1, READ, BASE, b"\xaa\x55"), Happening(2, END, text="bye"))
     )
