@@ -1,0 +1,102 @@
+"""The head: annealed potentials that turn the benefit of every edge into an allocation (entropic optimal
+transport, Sinkhorn iterations in the log domain; Cuturi 2013, Peyre and Cuturi 2019 section 4.4, annealed
+and over-relaxed).
+
+Rows are agents, columns are tasks, p_ij = exp((b_ij - u_i - v_j) / tau). A row's potential u_i makes its
+shares sum to one, a column's price v_j its own; tau falls geometrically. What is left over goes to a slack
+row of capacity columns - rows or a slack column of capacity rows - columns. While waiting is allowed, both
+are open without limit: an agent may wait at a fixed benefit, a task may stay unserved. An agent acts by its
+largest net offer b_ij - v_j.
+
+An edge out of reach takes part at a cost beyond every other one and stands for "no request": so there is
+always a complete solution, with as few of them as the prices allow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from hippomat_core.allocation.graphsage_settings import CLOSED_EXTRA, GraphSageSettings
+from hippomat_sim.learn.networks.edges import Edges
+
+NOTHING = -1e9  # finite, so that nothing minus nothing is no NaN
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Market:
+    """Benefits with a slack row and a slack column behind them; NOTHING where nothing can be."""
+
+    benefit: Tensor  # (B, N + 1, M + 1)
+    log_rows: Tensor  # (B,) logarithm of the slack row's capacity
+    log_columns: Tensor  # (B,) of the slack column's
+    open: Tensor  # (B,) bool: both slacks are unlimited
+
+
+def net_offers(edges: Edges, benefit: Tensor, wait: Tensor, settings: GraphSageSettings) -> Tensor:
+    """(B, N, M + 1) b_ij - v_j in units of the scale, no request in front. wait: (1,) benefit of waiting."""
+    market = market_of(edges, benefit, wait)
+    net = market.benefit[:, :-1]
+    if settings.head:
+        net = net - prices(market, settings)[:, None, :]
+    tasks, slack = net[:, :, :-1], net[:, :, -1:]
+    beyond = tasks.masked_fill(~edges.closed, NOTHING).amax(dim=2, keepdim=True)
+    return torch.cat([torch.maximum(slack, beyond), tasks.masked_fill(~edges.valid, NOTHING)], dim=2)
+
+
+def market_of(edges: Edges, benefit: Tensor, wait: Tensor) -> Market:
+    count, agents, tasks = benefit.shape
+    farthest = edges.cost.flatten(1).amax(dim=1)[:, None, None] + CLOSED_EXTRA
+    closed = torch.where(edges.closed, -farthest, NOTHING).to(benefit.dtype)
+    surplus = edges.rows - edges.columns
+    rest = edges.valid.any(dim=2) & (edges.may_wait | (surplus > 0))[:, None]
+    unserved = edges.valid.any(dim=1) & (edges.may_wait | (surplus < 0))[:, None]
+    table = benefit.new_full((count, agents + 1, tasks + 1), NOTHING)
+    table[:, :-1, :-1] = torch.where(edges.valid, benefit, closed)
+    table[:, :-1, -1] = torch.where(rest, wait, NOTHING)
+    table[:, -1, :-1] = torch.where(unserved, 0.0, NOTHING)
+    log_capacity = surplus.abs().clamp(min=1).to(benefit.dtype).log()
+    none = torch.zeros_like(log_capacity)
+    return Market(
+        table,
+        torch.where(surplus < 0, log_capacity, none),
+        torch.where(surplus > 0, log_capacity, none),
+        edges.may_wait,
+    )
+
+
+def prices(market: Market, settings: GraphSageSettings) -> Tensor:
+    """(B, M + 1) v_j, the slack column's last."""
+    benefit = market.benefit
+    rows = (benefit > NOTHING / 2).any(dim=2)
+    columns = (benefit > NOTHING / 2).any(dim=1)
+    u = torch.zeros_like(benefit[:, :, 0])
+    v = torch.zeros_like(benefit[:, 0, :])
+    for step, tau in enumerate(temperatures(settings)):
+        rate = settings.relaxation if step else 1.0
+        u = u + rate * (_potential(benefit - v[:, None, :], columns[:, None, :], tau, market.log_rows, 2) - u)
+        u = _settled(u, rows, market.open)
+        v = v + rate * (_potential(benefit - u[:, :, None], rows[:, :, None], tau, market.log_columns, 1) - v)
+        v = _settled(v, columns, market.open)
+    return v
+
+
+def temperatures(settings: GraphSageSettings) -> list[float]:
+    """tau of every step, geometric from the first to the last."""
+    ratio = settings.tau_last / settings.tau_first
+    last = max(settings.head_steps - 1, 1)
+    return [settings.tau_first * ratio ** (step / last) for step in range(settings.head_steps)]
+
+
+def _potential(net: Tensor, taking_part: Tensor, tau: float, log_slack: Tensor, dim: int) -> Tensor:
+    """tau log sum exp(net / tau) along dim; the slack's, which is last, less tau log of its capacity."""
+    total = tau * torch.logsumexp(net.masked_fill(~taking_part, NOTHING) / tau, dim=dim)
+    return torch.cat([total[:, :-1], total[:, -1:] - tau * log_slack[:, None]], dim=1)
+
+
+def _settled(potential: Tensor, taking_part: Tensor, open_: Tensor) -> Tensor:
+    """Zero where nothing takes part, and for slacks without limit."""
+    limited = torch.cat([taking_part[:, :-1], taking_part[:, -1:] & ~open_[:, None]], dim=1)
+    return potential.masked_fill(~limited, 0.0)

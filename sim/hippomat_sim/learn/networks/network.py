@@ -1,0 +1,46 @@
+"""What training and evaluation ask of every network. Knows none of them."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from torch import Tensor, nn
+
+from hippomat_sim.learn.networks.inputs import PolicyInputs
+
+
+class PolicyNetwork(nn.Module):
+    """A policy over {0 = no request, task 1 .. M} and a value, for every agent of every snapshot.
+
+    Logits of actions that are not valid are the core's MASKED_LOGIT. Every agent has a valid action.
+    """
+
+    network: ClassVar[str]  # its name in presets and policy files
+
+    def evaluate(self, inputs: PolicyInputs) -> tuple[Tensor, Tensor]:
+        """Logits (B, N, M + 1) and values (B, N), sharing what both need."""
+        raise NotImplementedError
+
+    def forward(self, inputs: PolicyInputs) -> Tensor:
+        """Logits (B, N, M + 1)."""
+        return self.evaluate(inputs)[0]
+
+    def values(self, inputs: PolicyInputs) -> Tensor:
+        """(B, N) expected return."""
+        return self.evaluate(inputs)[1]
+
+    def settings_dict(self) -> dict[str, Any]:
+        """What `make_network` and a policy file's manifest need to build it again."""
+        raise NotImplementedError
+
+    def to_tensors(self) -> dict[str, Tensor]:
+        """The policy's tensors under the core's keys, detached, on the CPU, float32."""
+        raise NotImplementedError
+
+    def load_tensors(self, tensors: dict[str, Tensor]) -> None:
+        """Takes over what `to_tensors` gave; whatever else the network has stays as it is."""
+        raise NotImplementedError
+
+
+def exported(tensor: Tensor) -> Tensor:
+    return tensor.detach().to("cpu").float().contiguous()
