@@ -40,7 +40,7 @@ def test_the_papers_preset_has_the_papers_numbers() -> None:
         ("[ppo]\ngama = 1.0", "mine.toml: ppo: unknown key 'gama'; known: advantage"),
         ("[ppo]\ngamma = 1.5", r"ppo: gamma = 1.5 is outside 0.0 .. 1.0"),
         ("[ppo]\nepochs = 1.5", "ppo: epochs = 1.5 must be a whole number"),
-        ('[network]\nkind = "mlp"', "'mlp' is not one of graphsage, paper, gcn"),
+        ('[network]\nkind = "mlp"', "'mlp' is not one of graphsage, paper_network, gcn"),
         ("episodes = []", "is empty"),
         ("[[episodes]]\nagents = [9, 3]", r"agents = \[9, 3\] must be \[least, most\]"),
         ("[[episodes]]\nagents = 3", "must be a list"),

@@ -37,7 +37,7 @@ def _choice(default: str, *options: str) -> Any:
 class NetworkSettings:
     """Which network is trained, and the options that its own settings take."""
 
-    kind: str = _choice("graphsage", "graphsage", "paper", "gcn")
+    kind: str = _choice("graphsage", "graphsage", "paper_network", "gcn")
     options: dict[str, Any] = field(default_factory=dict)
 
 
