@@ -7,7 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
@@ -37,28 +37,46 @@ MARKDOWN, CSV, JSON = "results.md", "results.csv", "results.json"
 MOST_AGENTS = 64  # the air's limit
 
 
+@dataclass(frozen=True, slots=True)
+class Output:
+    """Where the report goes. resume: what the directory's store holds is not measured again."""
+
+    directory: Path
+    resume: bool
+    json: bool
+    jobs: int
+
+
 def run(options: argparse.Namespace) -> int:
     """The exit code: MISSED when a judged goal was."""
     plan = _plan(options)
-    bench = Bench(WorldSettings(worlds=options.worlds), Sources(options.runs, options.policy), options.seed)
-    _check_jobs(options.jobs)
+    for option, value in (("--jobs", options.jobs), ("--worlds", options.worlds)):
+        if value < 1:
+            raise ConfigError(f"{option} {value}: must be at least 1")
+    world = WorldSettings(worlds=options.worlds)
+    bench = Bench(world, Sources(options.runs, options.policy), options.seed)
+    return report(plan, bench, Output(options.out, options.resume, options.json, options.jobs))
+
+
+def report(plan: Plan, bench: Bench, output: Output) -> int:
+    """Measures, writes the files, shows the tables; the exit code."""
     import_module("matplotlib")  # before the run, not after it
-    options.out.mkdir(parents=True, exist_ok=True)
-    results = _measure(plan, bench, Store(options.out, fresh=not options.resume), options.jobs)
+    output.directory.mkdir(parents=True, exist_ok=True)
+    results = _measure(plan, bench, Store(output.directory, fresh=not output.resume), output.jobs)
     book = _book(results)
     goals = goals_of(book, plan.episodes)
     missing = _missing(results)
     sections = sections_of(book, goals, missing)
-    text = preface(plan, bench, results)
-    written = _write(options.out, text, sections, book)
+    written = _write(output.directory, preface(plan, bench, results), sections, book)
     whole = as_json(_settings(plan, results), book.figures, goals, missing)
-    (options.out / JSON).write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
-    if options.json:
+    (output.directory / JSON).write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+    met = not any(goal.missed for goal in goals)
+    if output.json:
         print(json.dumps(whole))
     else:
-        show(sections, verdict(goals), not any(goal.missed for goal in goals), Console(highlight=False))
-    print(f"written: {', '.join(map(str, written))}", file=sys.stderr if options.json else sys.stdout)
-    return MISSED if any(goal.missed for goal in goals) else 0
+        show(sections, verdict(goals), met, Console(highlight=False))
+        print(f"written: {', '.join(map(str, written))}")
+    return 0 if met else MISSED
 
 
 def _plan(options: argparse.Namespace) -> Plan:
@@ -96,11 +114,6 @@ def _whole_numbers(text: str | None) -> Sequence[int]:
         return [int(part) for part in (text or "").split(",") if part.strip()]
     except ValueError:
         raise ConfigError(f"--agents {text}: must be whole numbers with commas between them") from None
-
-
-def _check_jobs(jobs: int) -> None:
-    if jobs < 1:
-        raise ConfigError(f"--jobs {jobs}: must be at least 1")
 
 
 def _measure(plan: Plan, bench: Bench, store: Store, jobs: int) -> Results:

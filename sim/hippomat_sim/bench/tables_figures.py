@@ -28,6 +28,7 @@ METRICS: dict[str, dict[str, tuple[str, str]]] = {
         "gap": ("total travel cost above the cheapest assignment", "%"),
         "rounds": ("allocation rounds until all are served", ""),
         "cost": ("total travel cost of an instance", "s"),
+        "cost_over": ("total travel cost above Hungarian", "%"),
         "cf1_learned": ("CF1 minus that of the untrained head", "points"),
         "gap_learned": ("gap minus that of the untrained head", "points"),
         "left": ("agents that asked for nothing and had to be given a task", "%"),
@@ -99,6 +100,9 @@ def _one_shot(cell: Cell, results: Results) -> Iterator[tuple[str, Estimate]]:
     yield "rounds", mean(figures["rounds"])
     yield "cost", mean(figures["cost_ms"]).scaled(1e-3)
     yield "left", ratio(figures["left"], np.full(count, cell.agents)).scaled(_PERCENT)
+    other = _other(cell, kinds.REFERENCE, results, count)
+    if other is not None:
+        yield "cost_over", ratio(figures["cost_ms"], other["cost_ms"]).scaled(_PERCENT, -_PERCENT)
     optimum = _other(cell, kinds.OPTIMUM, results, count)
     if optimum is not None:
         yield "gap", ratio(figures["cost_ms"], optimum["cost_ms"]).scaled(_PERCENT, -_PERCENT)

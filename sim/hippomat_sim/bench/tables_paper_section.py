@@ -89,12 +89,11 @@ def _allocation_time(book: Book, printed: Callable[[str, int], str]) -> Table:
 
 
 def _over(book: Book, kind: str, metric: str, method: str, agents: int, tasks: int) -> str:
-    """` (+x %)` above Hungarian's figure in the same column."""
-    found = book.find(kind, metric, method, agents, tasks)
-    other = book.find(kind, metric, kinds.REFERENCE, agents, tasks)
-    if found is None or other is None or method == kinds.REFERENCE:
+    """` (+x %)` above Hungarian on the same instances."""
+    found = book.find(kind, f"{metric}_over", method, agents, tasks)
+    if found is None or method == kinds.REFERENCE:
         return ""
-    return f" ({number(100.0 * (found.value / other.value - 1.0), 1, signed=True)} %)"
+    return f" ({number(found.value, 1, signed=True)} %)"
 
 
 def _paper_text(table: str, method: str, agents: int, digits: int, reference: str) -> str:

@@ -10,6 +10,7 @@ import matplotlib
 matplotlib.use("Agg")  # no window, no display
 from matplotlib import pyplot
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from hippomat_sim.bench import tables_cells as kinds
 from hippomat_sim.bench.tables_layout import Book
@@ -37,14 +38,14 @@ def draw(book: Book, directory: Path) -> list[Path]:
     return written
 
 
-def _fixed(book: Book) -> pyplot.Figure:
+def _fixed(book: Book) -> Figure:
     figure, axes = pyplot.subplots(1, 2, figsize=(11, 4.6), layout="constrained")
     sizes = [size for size in book.sizes(kinds.ONE_SHOT, square=True) if size not in kinds.LARGE]
     panels = (("cf1", "CF1 [%]"), ("gap", "gap to the cheapest assignment [%]"))
     for axis, (metric, label) in zip(axes, panels, strict=True):
         for name in book.methods(kinds.ONE_SHOT):
             _line(axis, name, _points(book, kinds.ONE_SHOT, metric, name, sizes))
-        axis.set(xlabel="agents N = tasks M", ylabel=label)
+        axis.set(xlabel="agents N = tasks M", ylabel=label, xticks=[agents for agents, _ in sizes])
     axes[1].set_yscale("symlog", linthresh=1.0)  # from hundredths of a per cent to hundreds
     axes[1].set_ylim(bottom=0.0)
     axes[1].yaxis.set_major_formatter("{x:g}")
@@ -52,21 +53,22 @@ def _fixed(book: Book) -> pyplot.Figure:
     return figure
 
 
-def _continuous(book: Book) -> pyplot.Figure:
+def _continuous(book: Book) -> Figure:
     figure, axes = pyplot.subplots(1, 2, figsize=(11, 4.6), layout="constrained")
     sizes = book.sizes(kinds.CONTINUOUS)
     panels = (("agent_s_over", "agent-seconds per task, above Hungarian [%]"), ("cf", "CF [%]"))
     for axis, (metric, label) in zip(axes, panels, strict=True):
         for name in book.methods(kinds.CONTINUOUS):
             _line(axis, name, _points(book, kinds.CONTINUOUS, metric, name, sizes))
-        axis.set(xlabel=f"agents N, {kinds.CONTINUOUS_TASKS} open tasks", ylabel=label)
-    axes[0].set_yscale("symlog", linthresh=5.0)
+        label_x = f"agents N, {kinds.CONTINUOUS_TASKS} open tasks"
+        axis.set(xlabel=label_x, ylabel=label, xticks=[agents for agents, _ in sizes])
+    axes[0].set_yscale("symlog", linthresh=20.0)
     axes[0].yaxis.set_major_formatter("{x:g}")
     _finish(figure, axes, "Continuous tasks, 95 % intervals")
     return figure
 
 
-def _sweep(book: Book) -> pyplot.Figure:
+def _sweep(book: Book) -> Figure:
     sizes = book.sizes(kinds.LOSS)
     losses = sorted({one.loss for one in book.figures if one.kind == kinds.LOSS})
     width = max(5.5 * len(sizes), 7.0)
@@ -98,8 +100,9 @@ def _line(axis: Axes, method: str, points: Sequence[Point], dashed: bool = False
     values = [estimate.value for _, estimate in points]
     below = [max(0.0, estimate.value - estimate.low) for _, estimate in points]
     above = [max(0.0, estimate.high - estimate.value) for _, estimate in points]
+    aside = 1.0 + 0.004 * (number - len(METHODS) / 2.0)  # so that equal ones do not hide one another
     axis.errorbar(
-        [x for x, _ in points],
+        [x * aside for x, _ in points],
         values,
         [below, above],
         label=None if dashed else METHODS[method].label,
@@ -112,10 +115,10 @@ def _line(axis: Axes, method: str, points: Sequence[Point], dashed: bool = False
     )
 
 
-def _finish(figure: pyplot.Figure, axes: Sequence[Axes], title: str) -> None:
+def _finish(figure: Figure, axes: Sequence[Axes], title: str) -> None:
     """One legend for all panels, beside them."""
     for axis in axes:
         axis.grid(alpha=0.3)
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+    figure.legend(handles, labels, loc="outside right center", fontsize=8, frameon=False)
     figure.suptitle(title)

@@ -113,6 +113,7 @@ def _instances(cell: Cell, bench: Bench, pool: WorldPool) -> Instances:
 def run(plan: Plan, bench: Bench, pool: WorldPool, store: Store, jobs: int, tell: Tell) -> Results:
     """Everything that the plan asks for: from the store, or measured now."""
     results, cells = Results(), plan.cells()
+    figures: dict[Cell, Figures] = {}
     keys = {cell: key for cell in cells if (key := _key(cell, bench, pool, results)) is not None}
     due = []
     for cell, key in keys.items():
@@ -120,12 +121,12 @@ def run(plan: Plan, bench: Bench, pool: WorldPool, store: Store, jobs: int, tell
         if stored is None:
             due.append(cell)
         else:
-            results.figures[cell] = stored
+            figures[cell] = stored
     tell("measuring", len(cells) - len(due), len(cells))
-    for done, (cell, figures) in enumerate(_measured(due, bench, pool, jobs), start=1):
-        store.put(keys[cell], figures)
-        results.figures[cell] = figures
+    for done, (cell, figures[cell]) in enumerate(_measured(due, bench, pool, jobs), start=1):
+        store.put(keys[cell], figures[cell])
         tell(cell.about, len(cells) - len(due) + done, len(cells))
+    results.figures = {cell: figures[cell] for cell in keys}  # in the plan's order, however they were done
     return results
 
 

@@ -77,6 +77,8 @@ def _fixed(book: Book) -> Section:
 
 
 def _learning(book: Book) -> Section:
+    if "graphsage" not in METHODS:
+        return Section("", "")
     sizes = _square(book)
     text = (
         "The head alone, untrained, beside what training makes of it, and the learned part without the head. "

@@ -20,16 +20,21 @@ def show(sections: Sequence[Section], verdict: str, met: bool, console: Console)
         for table in section.tables:
             if table.rows:
                 console.print(_grid(table))
-                console.print(Text(table.note, style="dim") if table.note else "", end="")
+                if table.note:
+                    console.print(Text(table.note + "\n", style="dim"))
     console.print(Text(verdict, style="bold green" if met else "bold red"))
 
 
 def _grid(table: Table) -> Grid:
     grid = Grid(
-        title=table.title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
+        title=Text(table.title),
+        title_justify="left",
+        title_style="bold",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
     )
     for number, name in enumerate(table.columns):
-        grid.add_column(name, justify="right" if number else "left", overflow="fold")
+        grid.add_column(Text(name), justify="right" if number else "left", overflow="fold")
     for row in table.rows:
-        grid.add_row(*(text.replace("**", "") for text in row))
+        grid.add_row(*(Text(text.replace("**", "")) for text in row))
     return grid

@@ -36,7 +36,9 @@ Figures = dict[str, Ints]
 def play_one_shot(method: Method, instances: Instances) -> Figures:
     """Losers ask again until all are served. Every figure (B,)."""
     count, agents, tasks = instances.costs_q.shape
-    figures = {name: np.zeros(count, np.int64) for name in ("single", "rounds", "clean", "cost_ms", "left")}
+    figures: Figures = {
+        name: np.zeros(count, np.int64) for name in ("single", "rounds", "clean", "cost_ms", "left")
+    }
     slot_of = np.full((count, agents), -1, np.int64)
     waiting = np.ones((count, tasks), np.bool_)
     open_ = np.arange(count)
@@ -127,7 +129,7 @@ def play_continuous(
     endless = replace(settings, episode_steps=steps + 1)
     env = VectorEnv(endless, pool, copies, seed)
     names = ("served", "requested", "contested", "clean", "steps", "cost_ms")
-    figures = {name: np.zeros(copies, np.int64) for name in names}
+    figures: Figures = {name: np.zeros(copies, np.int64) for name in names}
     problems = env.reset()
     for number in range(steps):
         step = env.step(fleet_actions(method, env, problems, number))
@@ -171,7 +173,7 @@ def play_permuted(method: Method, instances: Instances, seed: int) -> Figures:
     """The slot-permutation test: which robots ask for the same slot, and which for the same task, once the
     tasks of an instance are in other slots. Every figure (B,); asked: robots that asked both times."""
     count, _, tasks = instances.costs_q.shape
-    slots = np.random.default_rng((seed, tasks)).permutation(tasks)
+    slots = np.roll(np.arange(tasks), 1 + seed % max(1, tasks - 1))  # no task stays in its slot
     which = np.arange(count)
     before = first_actions(method, instances, which)
     after = first_actions(method, instances.permuted(slots), which)
