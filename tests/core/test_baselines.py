@@ -17,6 +17,7 @@ from hippomat_core.allocation.hungarian import assign, units
 from hippomat_core.allocation.ipso_g import SwarmSettings, swarm_assignment
 from hippomat_core.allocation.look_ahead import assign_ahead, promisable, wait_units
 
+# deadline=None: the first swarm on a machine is compiled for seconds.
 COMMON = (
     "hungarian",
     "look_ahead",
@@ -46,7 +47,7 @@ def test_the_factory_knows_every_baseline():
 
 @pytest.mark.parametrize("name", BASELINES)
 @given(snapshot=problems())
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 def test_nobody_requests_what_is_not_eligible(name, snapshot):
     found = make_allocator(name, None, *snapshot.costs_q.shape).actions(snapshot)
     assert found.dtype == np.int64
@@ -57,7 +58,7 @@ def test_nobody_requests_what_is_not_eligible(name, snapshot):
 
 @pytest.mark.parametrize("name", BASELINES)
 @given(snapshot=problems())
-@settings(max_examples=30)
+@settings(max_examples=30, deadline=None)
 def test_the_same_snapshot_gives_the_same_answer_to_everyone(name, snapshot):
     allocator = make_allocator(name, None, *snapshot.costs_q.shape)
     found = allocator.actions(snapshot).tolist()
@@ -68,14 +69,14 @@ def test_the_same_snapshot_gives_the_same_answer_to_everyone(name, snapshot):
 
 @pytest.mark.parametrize("name", COMMON)
 @given(snapshot=problems())
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 def test_a_common_snapshot_leaves_no_conflict(name, snapshot):
     assert one_to_one(make_allocator(name, None, *snapshot.costs_q.shape).actions(snapshot) - 1)
 
 
 @pytest.mark.parametrize("name", ["hungarian", "greedy", "auction"])
 @given(snapshot=problems())
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 def test_who_stays_without_a_task_finds_all_of_its_tasks_taken(name, snapshot):
     found = make_allocator(name, None, *snapshot.costs_q.shape).actions(snapshot)
     for robot in np.flatnonzero(found == 0):
@@ -84,13 +85,14 @@ def test_who_stays_without_a_task_finds_all_of_its_tasks_taken(name, snapshot):
 
 @pytest.mark.parametrize("name", ["nearest", "random", "fixed_slot"])
 @given(snapshot=problems())
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 def test_who_decides_alone_requests_whenever_it_can(name, snapshot):
     found = make_allocator(name, None, *snapshot.costs_q.shape).actions(snapshot)
     assert np.array_equal(found > 0, snapshot.eligible.any(axis=1))
 
 
 @given(st.integers(1, 6), st.integers(0, 3), st.integers(0, 2**32 - 1))
+@settings(deadline=None)
 def test_hungarians_total_is_a_lower_bound(n, more, seed):
     costs = np.random.default_rng(seed).integers(0, 255, (n, n + more)).astype(np.uint8)
     eligible = np.ones(costs.shape, bool)
@@ -250,6 +252,7 @@ def test_the_swarm_serves_as_many_as_it_can():
 
 
 @given(cost_matrices(), st.integers(0, 2**64 - 1))
+@settings(deadline=None)
 def test_a_swarm_gives_one_eligible_task_to_one_robot(costs, draw):
     slots = swarm_assignment(costs, costs != U, draw, SwarmSettings())
     assert one_to_one(slots)

@@ -1,4 +1,4 @@
-"""Allocation by improved particle swarm optimisation with greedy decoding, IPSO-G (Kong, Gao and Wang 2019,
+"""Allocation by improved particle swarm optimisation with greedy decoding, IPSO-G (Kong et al. 2019,
 "Multi-robot task allocation strategy based on particle swarm optimization and greedy algorithm").
 
 A particle has one key in [0, 1] per robot; in the order of the keys each robot takes the cheapest task that

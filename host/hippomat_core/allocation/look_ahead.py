@@ -7,7 +7,8 @@ WAIT_FACTOR times the mean, over the open tasks, of the soonest that anybody cou
 robot it is never less than its own cheapest task: it stays only where that one is promised to another robot.
 Who is busy requests nothing; when nobody is, this is the Hungarian algorithm.
 
-In the paper's continuous mode a wait comes to 5 s with 10 agents; factors from 1.5 to 3 do about as well.
+In the paper's continuous mode a wait comes to 5 s with 10 agents. Factors from 1 to 3 save time there from 10
+agents on, 2 saves most from 20 on.
 """
 
 from __future__ import annotations
