@@ -61,6 +61,16 @@ class PaperNetwork(PolicyNetwork):
         seen = torch.cat([x, z], dim=2) if self.policy_input == "xz" else z
         return masked(self.policy(seen), valid_actions(inputs)), self.value(seen)[:, :, 0]
 
+    def evaluate_own(self, inputs: PolicyInputs, snapshots: Tensor, agents: Tensor) -> tuple[Tensor, Tensor]:
+        """As of every network; with shared weights the large layers see the chosen agents alone."""
+        if self.independent:
+            return super().evaluate_own(inputs, snapshots, agents)
+        x = inputs.observations()
+        z = self.embeddings(x)
+        seen = (torch.cat([x, z], dim=2) if self.policy_input == "xz" else z)[snapshots, agents][:, None]
+        logits = masked(self.policy(seen)[:, 0], valid_actions(inputs)[snapshots, agents])
+        return logits, self.value(seen)[:, 0, 0]
+
     def settings_dict(self) -> dict[str, Any]:
         names = ("policy_input", "independent", "neighbours")
         return {name: getattr(self, name) for name in names}

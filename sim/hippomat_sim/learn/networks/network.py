@@ -29,6 +29,11 @@ class PolicyNetwork(nn.Module):
         """(B, N) expected return."""
         return self.evaluate(inputs)[1]
 
+    def evaluate_own(self, inputs: PolicyInputs, snapshots: Tensor, agents: Tensor) -> tuple[Tensor, Tensor]:
+        """Logits (K, M + 1) and values (K,) of agent agents[k] in snapshot snapshots[k] alone."""
+        logits, values = self.evaluate(inputs)
+        return logits[snapshots, agents], values[snapshots, agents]
+
     def settings_dict(self) -> dict[str, Any]:
         """What `make_network` and a policy file's manifest need to build it again."""
         raise NotImplementedError
