@@ -1,8 +1,8 @@
-"""Many copies of the allocation problem side by side, stepped together: the environment that policies learn in.
+"""Many copies of the allocation problem, stepped together: the environment that policies learn in.
 
 A step is an allocation round. Of several that request a task the smallest (cost code, id) gets it, as on the
-robots. turnover "never": nobody moves, rounds go on until everyone who can has a task. Otherwise winners travel
-and serve in real time, and their rows count from their destination, the time until they are there included.
+robots. turnover "never": nobody moves, rounds go on until everyone who can has a task. Otherwise winners
+travel and serve in real time, and their rows count from their destination, the time until then included.
 Decides on no action; rewards are in rewards.py, worlds in world_pool.py, radio loss in delivery.py.
 """
 
@@ -106,7 +106,7 @@ class VectorEnv:
         chosen = self._checked_actions(actions)
         if advance(self._rules, self._copies, self._seen, self._out, self._scratch, chosen):
             self._stop_on_the_way()
-        observe(self._rules, self._copies, self._seen)
+        observe(self._rules, self._copies, self._seen, self._scratch)
         out = self._out
         ended = np.flatnonzero(out.terminated | out.truncated)
         final = None
@@ -142,7 +142,7 @@ class VectorEnv:
 
     def _begin(self, which: NDArray[np.int64]) -> None:
         reset_copies(self._rules, self._copies, self._seen, self._scratch, which)
-        observe(self._rules, self._copies, self._seen)
+        observe(self._rules, self._copies, self._seen, self._scratch)
 
     def _checked_actions(self, actions: ArrayLike) -> NDArray[np.int64]:
         chosen = np.ascontiguousarray(actions, np.int64)
@@ -174,4 +174,5 @@ class VectorEnv:
         copies, place = self._copies, int(self._copies.origin[e, i])
         if place == ON_THE_WAY:
             return copies.own_cell[e, i].copy()
-        return self.pool.places_cell[copies.world[e], self.classes[i], place]  # type: ignore[no-any-return]
+        cell: NDArray[np.int16] = self.pool.places_cell[copies.world[e], self.classes[i], place]
+        return cell

@@ -95,6 +95,8 @@ class Scratch(NamedTuple):
     fates: NDArray[np.int64]  # (E, N) see rewards.py
     codes: NDArray[np.int64]  # (E, N) of the task that was won
     starts: NDArray[np.bool_]  # (2, V) given out, of one copy
+    sites: NDArray[np.uint16]  # (M,) of the slots, of one copy
+    slots: NDArray[np.int64]  # (M,) to be priced anew, of one copy
 
 
 def rules_of(settings: EnvSettings, pool: WorldPool, vehicle: NDArray[np.int64]) -> Rules:
@@ -169,4 +171,6 @@ def new_scratch(rules: Rules, copies: int, tasks: int) -> Scratch:
         fates=np.zeros((copies, agents), np.int64),
         codes=np.zeros((copies, agents), np.int64),
         starts=np.zeros((2, rules.starts), np.bool_),
+        sites=np.zeros(tasks, np.uint16),
+        slots=np.zeros(tasks, np.int64),
     )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from hippomat_core.errors import ConfigError
 from hippomat_core.config import MAX_ROBOTS, MAX_TASK_SLOTS
+from hippomat_core.errors import ConfigError
 from hippomat_sim.learn.settings import TURNOVERS, EnvSettings
 from hippomat_sim.learn.world_pool import WorldPool
 

@@ -1,8 +1,8 @@
-"""The environment's rules, compiled: who gets a task, what it earns, where everybody is, what the next row is.
+"""The environment's rules, compiled: who gets a task, what it earns, where everybody is, what tasks cost.
 
 Copies never meet. Times are integer milliseconds; costs reach agents as codes of the core's quantise only
-(WorldPool.code_of_ms). See env_arrays.py for the arrays. Inner loops hold arrays in names of their own: a named
-tuple that is passed on costs a count of references for every array in it.
+(WorldPool.code_of_ms). See env_arrays.py for the arrays. Inner loops hold arrays in names of their own: a
+named tuple that is passed on costs a count of references for every array in it.
 
 numba's cache looks at this file alone: touch it after a change of what it inlines from rewards.py or
 random_stream.py.
@@ -58,7 +58,7 @@ def reset_copies(
         seen.assigned[e, :] = False
 
 
-@njit
+@njit(nogil=True)
 def _place_agents(
     random: NDArray[np.uint64],
     place: NDArray[np.int64],
@@ -77,7 +77,7 @@ def _place_agents(
         given[vehicle[i], place[e, i]] = False
 
 
-@njit
+@njit(nogil=True)
 def _put_task(rules: Rules, copies: Copies, seen: Seen, e: int, j: int) -> None:
     """A new task in slot j, at a site that no slot has; the old one's site is free from then on."""
     random, taken, left = copies.random, copies.taken, copies.left
@@ -124,7 +124,7 @@ def advance(
     return released
 
 
-@njit
+@njit(nogil=True)
 def _judge(seen: Seen, out: Outcome, scratch: Scratch, actions: NDArray[np.int64]) -> None:
     """Who gets which task, and every agent's fate: the smallest (code, id) of a task's requests wins.
 
@@ -167,7 +167,7 @@ def _judge(seen: Seen, out: Outcome, scratch: Scratch, actions: NDArray[np.int64
         out.conflicted_tasks[e] = conflicted
 
 
-@njit
+@njit(nogil=True)
 def _pay(rules: Rules, out: Outcome, scratch: Scratch) -> None:
     rewards, fates, codes, prices = out.rewards, scratch.fates, scratch.codes, rules.prices
     for e in range(rewards.shape[0]):
@@ -178,7 +178,7 @@ def _pay(rules: Rules, out: Outcome, scratch: Scratch) -> None:
         out.team_reward[e] = total
 
 
-@njit
+@njit(nogil=True)
 def _set_out(rules: Rules, copies: Copies, seen: Seen, out: Outcome) -> None:
     """The winners have their tasks; where time goes on, they are busy until they have served them."""
     allocated, travel_ms, place, site = out.allocated, out.travel_ms, copies.place, copies.site
@@ -208,7 +208,7 @@ def _set_out(rules: Rules, copies: Copies, seen: Seen, out: Outcome) -> None:
                 seen.waiting[e, slot] = False
 
 
-@njit(inline="always")
+@njit(nogil=True, inline="always")
 def _trip_ms(
     table: NDArray[np.uint16],
     own_row_ms: NDArray[np.uint16],
@@ -221,11 +221,11 @@ def _trip_ms(
 ) -> int:
     """Travel time of agent i of copy e from its place to a site."""
     if place == ON_THE_WAY:
-        return np.int64(own_row_ms[e, i, site])
-    return np.int64(table[world, vehicle, place, site])
+        return int(own_row_ms[e, i, site])
+    return int(table[world, vehicle, place, site])
 
 
-@njit
+@njit(nogil=True)
 def _hand_over(
     rules: Rules, copies: Copies, seen: Seen, out: Outcome, scratch: Scratch, actions: NDArray[np.int64]
 ) -> int:
@@ -253,7 +253,7 @@ def _hand_over(
     return released
 
 
-@njit
+@njit(nogil=True)
 def _heir(
     rules: Rules,
     copies: Copies,
@@ -286,7 +286,7 @@ def _heir(
     return heir
 
 
-@njit
+@njit(nogil=True)
 def _move(rules: Rules, copies: Copies, seen: Seen, out: Outcome) -> None:
     """A step of time passes; who is done is free where its task was."""
     destination, busy_ms, new_row, released = copies.destination, copies.busy_ms, copies.new_row, out.released
@@ -312,7 +312,7 @@ def _move(rules: Rules, copies: Copies, seen: Seen, out: Outcome) -> None:
         out.completed[e] = completed
 
 
-@njit
+@njit(nogil=True)
 def _end(rules: Rules, copies: Copies, seen: Seen, out: Outcome) -> None:
     """Terminated: nobody is left who could get a task. Truncated: the steps are over."""
     costs_q, available, waiting = seen.costs_q, seen.available, seen.waiting
@@ -332,24 +332,55 @@ def _end(rules: Rules, copies: Copies, seen: Seen, out: Outcome) -> None:
 
 
 @njit(cache=True, nogil=True)
-def observe(rules: Rules, copies: Copies, seen: Seen) -> None:
-    """Renews the codes of all rows and slots that are not as they were: when each agent could be at each task."""
-    costs_q, site, place, busy_ms = seen.costs_q, copies.site, copies.place, copies.busy_ms
+def observe(rules: Rules, copies: Copies, seen: Seen, scratch: Scratch) -> None:
+    """Renews the codes of rows and slots that are not as they were: when each agent could be at each task."""
+    costs_q, place, busy_ms, sites = seen.costs_q, copies.place, copies.busy_ms, scratch.sites
     new_row, new_slot, handed_over = copies.new_row, copies.new_slot, copies.handed_over
     table, own_row_ms, world, vehicle = rules.travel_ms, copies.own_row_ms, copies.world, rules.vehicle
-    code_of_ms, handover = rules.code_of_ms, rules.handover
+    code_of_ms, handover, slots = rules.code_of_ms, rules.handover, scratch.slots
     count, agents, tasks = costs_q.shape
     for e in range(count):
+        renewed = 0
+        for j in range(tasks):
+            sites[j] = copies.site[e, j]
+            if new_slot[e, j]:
+                slots[renewed] = j
+                renewed += 1
+                new_slot[e, j] = False
         for i in range(agents):
-            whole, later_ms = new_row[e, i], busy_ms[e, i]
-            for j in range(tasks):
-                if not (whole or new_slot[e, j]):
-                    continue
-                trip_ms = _trip_ms(table, own_row_ms, world[e], vehicle[i], place[e, i], e, i, site[e, j])
-                if trip_ms != UNREACHABLE_MS:
-                    trip_ms = min(trip_ms + later_ms, UNREACHABLE_MS - 1)
-                costs_q[e, i, j] = code_of_ms[trip_ms]
-                if handover and handed_over[e, i, j]:
-                    costs_q[e, i, j] = UNREACHABLE
-            new_row[e, i] = False
-        new_slot[e, :] = False
+            row_ms = table[world[e], vehicle[i], max(place[e, i], 0)]
+            if place[e, i] == ON_THE_WAY:
+                row_ms = own_row_ms[e, i]
+            if new_row[e, i]:
+                _price(row_ms, busy_ms[e, i], sites, code_of_ms, costs_q[e, i])
+                new_row[e, i] = False
+            else:
+                for k in range(renewed):
+                    costs_q[e, i, slots[k]] = _code(row_ms, busy_ms[e, i], sites[slots[k]], code_of_ms)
+            if handover:
+                for j in range(tasks):
+                    if handed_over[e, i, j]:
+                        costs_q[e, i, j] = UNREACHABLE
+
+
+@njit(nogil=True, inline="always")
+def _code(
+    row_ms: NDArray[np.uint16], later_ms: int, site: np.uint16, code_of_ms: NDArray[np.uint8]
+) -> np.uint8:
+    trip_ms = np.uint32(row_ms[site])
+    then_ms = min(trip_ms + np.uint32(later_ms), np.uint32(UNREACHABLE_MS - 1))
+    code: np.uint8 = code_of_ms[trip_ms if trip_ms == np.uint32(UNREACHABLE_MS) else then_ms]
+    return code
+
+
+@njit(nogil=True)
+def _price(
+    row_ms: NDArray[np.uint16],
+    later_ms: int,
+    sites: NDArray[np.uint16],
+    code_of_ms: NDArray[np.uint8],
+    costs_q: NDArray[np.uint8],
+) -> None:
+    """The codes of a whole row. Unsigned indices: numba looks at the sign of every other one."""
+    for j in range(np.uint64(len(sites))):
+        costs_q[j] = _code(row_ms, later_ms, sites[j], code_of_ms)

@@ -22,23 +22,24 @@ def streams(count: int, *seed: int) -> NDArray[np.uint64]:
     return np.array([pure_hash(*seed, copy) for copy in range(count)], np.uint64)
 
 
-@njit(inline="always")
+@njit(nogil=True, inline="always")
 def draw(states: NDArray[np.uint64], stream: int) -> np.uint64:
     """64 random bits."""
     states[stream] += _GOLDEN
     bits = states[stream]
     bits = (bits ^ (bits >> _S30)) * _FIRST
     bits = (bits ^ (bits >> _S27)) * _SECOND
-    return bits ^ (bits >> _S31)
+    mixed: np.uint64 = bits ^ (bits >> _S31)
+    return mixed
 
 
-@njit(inline="always")
+@njit(nogil=True, inline="always")
 def draw_below(states: NDArray[np.uint64], stream: int, bound: int) -> int:
     """An integer in 0 .. bound - 1; bound below 2^16, where the bias is below 2^-15 of a value's share."""
-    return np.int64(((draw(states, stream) >> _S33) * np.uint64(bound)) >> _S31)
+    return int(((draw(states, stream) >> _S33) * np.uint64(bound)) >> _S31)
 
 
-@njit(inline="always")
+@njit(nogil=True, inline="always")
 def draw_unit(states: NDArray[np.uint64], stream: int) -> float:
     """Uniform in [0, 1)."""
-    return np.float64(draw(states, stream) >> _S11) * _UNIT
+    return float(draw(states, stream) >> _S11) * _UNIT

@@ -35,7 +35,7 @@ def prices(settings: RewardSettings) -> Prices:
     return Prices(*(float(getattr(settings, name)) for name in Prices._fields))
 
 
-@njit(inline="always")
+@njit(nogil=True, inline="always")
 def reward(price: Prices, fate: int, code: int) -> np.float32:
     """code: of the cost of the task won, 0 .. 254."""
     if fate == WON:
