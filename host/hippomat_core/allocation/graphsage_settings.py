@@ -8,8 +8,10 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from hippomat_core.allocation.quantise import FULL_SCALE
 from hippomat_core.errors import ConfigError
 
+FRACTION = 1.0 / FULL_SCALE  # cost in c_max = (code x FRACTION)^2
 FEATURES = 10  # of an edge, in the order of graphsage_kernels.edge_features
 NEAREST = 3  # the scale is the mean of every row's so many smallest costs
 LEAST_SCALE = 1e-4  # of c_max: below the cost of code 3, where rounding is all there is
@@ -19,26 +21,30 @@ COST_SPAN, DIFFERENCE_SPAN, RATIO_SPAN, AGE_SPAN_ROUNDS = (
     4.0,
     40.0,
 )  # features are clipped to these
-CLOSED_EXTRA = 4.0  # a task out of reach costs so much more than the dearest one in reach
+WEAKEST_SHARE = -8.0  # a log-softmax below this says no more
+SHARE_SIZE = 0.3  # brings a log-softmax to the size of the embeddings
+PRICE_SIZE = 2.0  # in the scale: what one unit of learned price counts
+LOGIT_SPAN = 30.0  # the head's logits end so far below the best: exp(-30) is as good as never
+WAIT_EXTRA = 1e-3  # in the scale: at equal totals an available robot requests
+CLOSED_EXTRA = 4.0  # in the scale: a task out of reach costs so much more than the dearest one in reach
 
 
 @dataclass(frozen=True, slots=True)
 class GraphSageSettings:
-    """Costs, temperatures and wait_cost count in the snapshot's scale (see graphsage_kernels.cost_scale)."""
+    """Temperatures count in the snapshot's scale (the kernels' cost_scale)."""
 
-    hops: int = 3  # rounds of message passing between the edges of a row and of a column
+    hops: int = 5  # rounds of message passing between the edges of a row and of a column
     width: int = 16  # of an edge's embedding
     hidden: int = 32  # of the edge net and of every hop's residual net
     heads: int = 4  # attention heads of a hop
-    head: bool = True  # annealed potentials after the learned score; False: the learned part alone
-    head_steps: int = 96
-    tau_first: float = 2.0
-    tau_last: float = 0.005
-    relaxation: float = 1.6  # of every step of the potentials; 1 = plain, below 2
-    sampling_temperature: float = 0.1  # of the logits; changes what is drawn, never the best action
-    learned_weight: float = 1.0  # alpha: what one unit of learned score counts in the head
+    head: bool = True  # annealed potentials, from the learned prices; False: the learned scores alone
+    head_steps: int = 48
+    tau_first: float = 1.0
+    tau_last: float = 0.001
+    relaxation: float = 1.75  # of every step of the potentials; 1 = plain, below 2
+    head_temperature: float = 0.05  # of the head's logits; changes what is drawn, never the best action
     look_ahead: bool = True  # busy robots take part with the time until they could be at each task
-    wait_cost: float = 2.0  # of no request, while somebody is busy
+    wait_factor: float = 2.0  # waiting costs so many times the mean over tasks of the soonest arrival
 
     def __post_init__(self) -> None:
         for name, low, high in _RANGES:
@@ -70,11 +76,10 @@ _RANGES = (
     ("heads", 1, 16),
     ("head_steps", 1, 1000),
     ("tau_first", 1e-3, 100.0),
-    ("tau_last", 1e-3, 100.0),
+    ("tau_last", 1e-4, 100.0),
     ("relaxation", 0.5, 1.95),
-    ("sampling_temperature", 1e-2, 100.0),
-    ("learned_weight", 0.0, 100.0),
-    ("wait_cost", 0.0, 1e3),
+    ("head_temperature", 1e-3, 100.0),
+    ("wait_factor", 0.0, 1e3),
 )
 
 

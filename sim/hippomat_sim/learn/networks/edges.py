@@ -14,11 +14,13 @@ from hippomat_core.allocation.graphsage_settings import (
     AGE_SPAN_ROUNDS,
     COST_SPAN,
     DIFFERENCE_SPAN,
+    FRACTION,
     LEAST_SCALE,
     NEAREST,
     RATIO_SPAN,
+    WAIT_EXTRA,
+    GraphSageSettings,
 )
-from hippomat_core.allocation.quantise import FULL_SCALE
 from hippomat_sim.learn.networks.inputs import PolicyInputs
 
 _INFINITE = float("inf")
@@ -33,43 +35,46 @@ class Edges:
 
     valid: Tensor  # (B, N, M) bool: the row takes part, the task waits and is reachable
     closed: Tensor  # (B, N, M) bool: row and column take part, but the task is out of the row's reach
-    eligible: Tensor  # (B, N, M) bool: valid, and the agent is free to request
-    cost: Tensor  # (B, N, M) c / s, 0 where not valid
+    cost: Tensor  # (B, N, M) c / s, float64, 0 where not valid
     row_rank: Tensor  # (B, N, M) int64: 0 = the cheapest task of its agent
     column_rank: Tensor  # (B, N, M) int64: 0 = the cheapest agent of its task
     rows: Tensor  # (B,) how many rows take part
     columns: Tensor  # (B,)
     may_wait: Tensor  # (B,) bool: look-ahead, and somebody is busy
-    may_rest: Tensor  # (B, N) bool: no request is an action
+    wait: Tensor  # (B, N) what no request costs, in the scale
+    allowed: Tensor  # (B, N, M + 1) bool: valid actions
     ages_rounds: Tensor  # (B, N)
     busy: Tensor  # (B, N) bool
 
 
-def edges_of(inputs: PolicyInputs, look_ahead: bool) -> Edges:
-    taking_part = (inputs.available | inputs.busy) if look_ahead else inputs.available
-    row_open = taking_part & inputs.present
-    valid = inputs.reachable & row_open[:, :, None] & inputs.waiting[:, None, :]
+def edges_of(inputs: PolicyInputs, settings: GraphSageSettings) -> Edges:
+    """Costs in float64: the head divides their differences by small temperatures."""
+    promised = inputs.busy & ~inputs.available & settings.look_ahead
+    taking_part = (inputs.available | promised) & inputs.present
+    valid = inputs.reachable & taking_part[:, :, None] & inputs.waiting[:, None, :]
     codes = inputs.costs_q.float() + inputs.jitter
-    cost = torch.square(codes * (1.0 / FULL_SCALE)).masked_fill(~valid, _INFINITE)
-    row_rank, column_rank = _ranks(cost, 2), _ranks(cost, 1)
+    raw = torch.square(codes * FRACTION).masked_fill(~valid, _INFINITE)
+    cost = raw.double() / cost_scale(raw.double())[:, None, None]
+    row_rank, column_rank = _ranks(raw, 2), _ranks(raw, 1)
     row_in, column_in = valid.any(dim=2), valid.any(dim=1)
-    closed = row_in[:, :, None] & column_in[:, None, :] & ~valid
-    eligible = valid & inputs.available[:, :, None]
-    may_wait = (inputs.busy & inputs.present).any(dim=1) & look_ahead
     rows, columns = row_in.sum(dim=1), column_in.sum(dim=1)
-    first = ((column_rank == 0) & valid).any(dim=2)
+    closed = row_in[:, :, None] & column_in[:, None, :] & ~valid
+    may_wait = (promised & row_in).any(dim=1)
     spare = (rows > columns)[:, None] | closed.any(dim=2)
+    first = ((column_rank == 0) & valid).any(dim=2)
+    eligible = valid & inputs.available[:, :, None]
+    may_rest = ~eligible.any(dim=2) | may_wait[:, None] | (spare & ~first)
     return Edges(
         valid=valid,
         closed=closed,
-        eligible=eligible,
-        cost=(cost / cost_scale(cost)[:, None, None]).masked_fill(~valid, 0.0),
+        cost=cost.masked_fill(~valid, 0.0),
         row_rank=row_rank,
         column_rank=column_rank,
         rows=rows,
         columns=columns,
         may_wait=may_wait,
-        may_rest=~eligible.any(dim=2) | may_wait[:, None] | (spare & ~first),
+        wait=_wait(cost, row_in & inputs.available, column_in, settings.wait_factor),
+        allowed=torch.cat([may_rest[..., None], eligible], dim=2),
         ages_rounds=inputs.ages_rounds,
         busy=inputs.busy,
     )
@@ -82,12 +87,22 @@ def cost_scale(cost: Tensor) -> Tensor:
     count = finite.sum(dim=2)
     means = nearest.masked_fill(~finite, 0.0).sum(dim=2) / count.clamp(min=1)
     rows = (count > 0).sum(dim=1)
-    return torch.where(rows > 0, means.sum(dim=1) / rows.clamp(min=1), 1.0).clamp(min=LEAST_SCALE)
+    scale = means.sum(dim=1) / rows.clamp(min=1)
+    return torch.where(rows > 0, scale.clamp(min=LEAST_SCALE), 1.0)
+
+
+def _wait(cost: Tensor, own: Tensor, column_in: Tensor, factor: float) -> Tensor:
+    """(B, N) factor times the mean soonest arrival, as the core's look_ahead has it. For an available agent
+    (own) no less than its cheapest task: it stays only where that one is promised to another."""
+    soonest = cost.amin(dim=1).masked_fill(~column_in, 0.0)
+    wait = factor * soonest.sum(dim=1) / column_in.sum(dim=1).clamp(min=1)
+    own_least = cost.amin(dim=2).masked_fill(~own, 0.0)
+    return torch.maximum(wait[:, None], own_least) + WAIT_EXTRA
 
 
 def edge_features(edges: Edges) -> Tensor:
     """(B, N, M, FEATURES); 0 where not valid."""
-    cost = edges.cost.masked_fill(~edges.valid, _INFINITE)
+    cost = edges.cost.float().masked_fill(~edges.valid, _INFINITE)
     row_least, other_task = _least_and_other(cost, edges.row_rank, 2)
     column_least, other_agent = _least_and_other(cost, edges.column_rank, 1)
     ratio = (edges.rows / edges.columns.clamp(min=1)).clamp(max=RATIO_SPAN)

@@ -1,11 +1,15 @@
 """Ours: a bipartite GraphSAGE over agent-task edges with a head of annealed potentials. One set of weights
 for any N, M and mix of vehicles; permuting agents or tasks permutes the output.
 
-Every edge (i, j) has an embedding. A hop lets it hear its row and its column through attention heads (log-
-softmax over both) and adds a residual. One score per edge moves the edge's cost; the head then finds prices
-of tasks at which agents that take the best net offer do not meet (head.py). With the last layer at zero, as
-it begins, the network is the pure head. Costs count in the snapshot's own scale, so c_max of the fleet does
-not matter.
+Every edge (i, j) has an embedding. A hop lets it hear its row and its column through attention heads
+(log-softmax over both) and adds a residual. Three numbers come out of every edge:
+
+- its score: without the head, the policy is a softmax over score - cost (the learned part alone);
+- a price and a weight: pooled over a task's agents, the task's price from which the head begins (head.py).
+  The head alone decides where it ends, so a learned price saves steps and cannot lead it astray.
+
+All three begin at zero: untrained, the network is the pure head. Costs count in the snapshot's own scale, so
+the fleet's c_max does not matter.
 """
 
 from __future__ import annotations
@@ -16,16 +20,19 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from hippomat_core.allocation.graphsage_settings import FEATURES, GraphSageSettings
+from hippomat_core.allocation.graphsage_settings import (
+    FEATURES,
+    LOGIT_SPAN,
+    PRICE_SIZE,
+    SHARE_SIZE,
+    WEAKEST_SHARE,
+    GraphSageSettings,
+)
 from hippomat_sim.learn.networks.edges import Edges, edge_features, edges_of
 from hippomat_sim.learn.networks.head import NOTHING, net_offers
 from hippomat_sim.learn.networks.inputs import PolicyInputs
 from hippomat_sim.learn.networks.masks import masked
 from hippomat_sim.learn.networks.network import PolicyNetwork, exported
-
-_WEAKEST = -8.0  # log-softmax below this says no more
-_SHARE = 0.3  # brings log-softmax to the size of the embeddings
-_LOGIT_SPAN = 30.0  # below the best; less likely than exp(-30) is all the same
 
 
 class Hop(nn.Module):
@@ -42,7 +49,8 @@ class Hop(nn.Module):
         q = self.query(e)
         held = q.masked_fill(~valid, NOTHING)
         shares = [
-            torch.log_softmax(held, dim).clamp(min=_WEAKEST).masked_fill(~valid, _WEAKEST) * _SHARE
+            torch.log_softmax(held, dim).clamp(min=WEAKEST_SHARE).masked_fill(~valid, WEAKEST_SHARE)
+            * SHARE_SIZE
             for dim in (2, 1)
         ]
         heard: Tensor = self.out(torch.relu(self.mix(torch.cat([e, q, *shares], dim=3))))
@@ -59,43 +67,47 @@ class GraphSageNetwork(PolicyNetwork):
         self.edge_in = nn.Linear(FEATURES, hidden)
         self.edge_out = nn.Linear(hidden, width)
         self.hops = nn.ModuleList(Hop(self.settings) for _ in range(self.settings.hops))
-        self.score = nn.Linear(width, 1)
-        self.wait_bias = nn.Parameter(torch.zeros(1))
+        self.out = nn.Linear(width, 3)  # score, price, weight of the price
         self.value_in = nn.Linear(3 * width, hidden)
         self.value_out = nn.Linear(hidden, 1)
-        nn.init.zeros_(self.score.weight)
-        nn.init.zeros_(self.score.bias)
+        nn.init.zeros_(self.out.weight)
+        nn.init.zeros_(self.out.bias)
 
     def embeddings(self, edges: Edges) -> Tensor:
         """(B, N, M, width) of every edge; meaningless where the edge is not valid."""
-        e: Tensor = self.edge_out(
-            torch.relu(self.edge_in(edge_features(edges).to(self.edge_in.weight.dtype)))
-        )
+        e: Tensor = self.edge_out(torch.relu(self.edge_in(edge_features(edges).to(self.out.weight.dtype))))
         for hop in self.hops:
             e = hop(e, edges.valid[..., None])
         return e
 
     def evaluate(self, inputs: PolicyInputs) -> tuple[Tensor, Tensor]:
-        edges = edges_of(inputs, self.settings.look_ahead)
+        edges = edges_of(inputs, self.settings)
         e = self.embeddings(edges)
-        return self.logits(edges, self.score(e)[..., 0]), self._values(edges, e)
+        logits = self._with_head(edges, e) if self.settings.head else self._alone(edges, e)
+        return logits, self._values(edges, e)
 
-    def logits(self, edges: Edges, score: Tensor) -> Tensor:
-        """(B, N, M + 1) from the learned score of every edge, (B, N, M)."""
-        settings = self.settings
-        benefit = settings.learned_weight * score - edges.cost
-        offers = net_offers(edges, benefit, self.wait_bias - settings.wait_cost, settings)
-        allowed = torch.cat([edges.may_rest[..., None], edges.eligible], dim=2)
-        offers = offers.masked_fill(~allowed, NOTHING)
-        behind = (offers - offers.max(dim=2, keepdim=True).values) / settings.sampling_temperature
-        return masked(behind.clamp(min=-_LOGIT_SPAN).to(score.dtype), allowed)
+    def _alone(self, edges: Edges, e: Tensor) -> Tensor:
+        score = self.out(e)[..., 0]
+        offers = torch.cat([-edges.wait[..., None], score - edges.cost], dim=2)
+        return masked(offers.to(e.dtype), edges.allowed)
+
+    def _with_head(self, edges: Edges, e: Tensor) -> Tensor:
+        out = self.out(e)
+        weights = torch.softmax(out[..., 2].masked_fill(~edges.valid, NOTHING), dim=1)
+        first_prices = PRICE_SIZE * (weights * out[..., 1]).sum(dim=1)
+        offers = net_offers(edges, first_prices, self.settings).masked_fill(~edges.allowed, NOTHING)
+        behind = (offers - offers.amax(dim=2, keepdim=True)) / self.settings.head_temperature
+        return masked(behind.clamp(min=-LOGIT_SPAN).to(e.dtype), edges.allowed)
 
     def _values(self, edges: Edges, e: Tensor) -> Tensor:
         """(B, N) from the row's mean edge, its cheapest edges and the mean of all edges."""
         valid = edges.valid[..., None].to(e.dtype)
         whole = (e * valid).sum((1, 2)) / valid.sum((1, 2)).clamp(min=1.0)
         row = (e * valid).sum(2) / valid.sum(2).clamp(min=1.0)
-        near = torch.softmax((-edges.cost).masked_fill(~edges.valid, NOTHING), dim=2)[..., None] * valid
+        near = (
+            torch.softmax((-edges.cost).to(e.dtype).masked_fill(~edges.valid, NOTHING), dim=2)[..., None]
+            * valid
+        )
         seen = torch.cat([row, (e * near).sum(2), whole[:, None].expand_as(row)], dim=2)
         value: Tensor = self.value_out(torch.relu(self.value_in(seen)))
         return value[..., 0]

@@ -1,6 +1,6 @@
 """The head: annealed potentials that turn the benefit of every edge into an allocation (entropic optimal
 transport, Sinkhorn iterations in the log domain; Cuturi 2013, Peyre and Cuturi 2019 section 4.4, annealed
-and over-relaxed).
+and over-relaxed, Thibault et al. 2021).
 
 Rows are agents, columns are tasks, p_ij = exp((b_ij - u_i - v_j) / tau). A row's potential u_i makes its
 shares sum to one, a column's price v_j its own; tau falls geometrically. What is left over goes to a slack
@@ -29,51 +29,42 @@ NOTHING = -1e9  # finite, so that nothing minus nothing is no NaN
 class Market:
     """Benefits with a slack row and a slack column behind them; NOTHING where nothing can be."""
 
-    benefit: Tensor  # (B, N + 1, M + 1)
+    benefit: Tensor  # (B, N + 1, M + 1), float64
     log_rows: Tensor  # (B,) logarithm of the slack row's capacity
     log_columns: Tensor  # (B,) of the slack column's
     open: Tensor  # (B,) bool: both slacks are unlimited
 
 
-def net_offers(edges: Edges, benefit: Tensor, wait: Tensor, settings: GraphSageSettings) -> Tensor:
-    """(B, N, M + 1) b_ij - v_j in units of the scale, no request in front. wait: (1,) benefit of waiting."""
-    market = market_of(edges, benefit, wait)
-    net = market.benefit[:, :-1]
-    if settings.head:
-        net = net - prices(market, settings)[:, None, :]
+def net_offers(edges: Edges, first_prices: Tensor, settings: GraphSageSettings) -> Tensor:
+    """(B, N, M + 1) b_ij - v_j in units of the scale, no request in front. first_prices: (B, M)."""
+    market = market_of(edges)
+    first = torch.cat([first_prices, torch.zeros_like(first_prices[:, :1])], dim=1).double()
+    final = prices(market, torch.where(market.open[:, None], first.clamp(min=0.0), first), settings)
+    net = market.benefit[:, :-1] - final[:, None, :]
     tasks, slack = net[:, :, :-1], net[:, :, -1:]
     beyond = tasks.masked_fill(~edges.closed, NOTHING).amax(dim=2, keepdim=True)
     return torch.cat([torch.maximum(slack, beyond), tasks.masked_fill(~edges.valid, NOTHING)], dim=2)
 
 
-def market_of(edges: Edges, benefit: Tensor, wait: Tensor) -> Market:
-    count, agents, tasks = benefit.shape
+def market_of(edges: Edges) -> Market:
+    count, agents, tasks = edges.cost.shape
     farthest = edges.cost.flatten(1).amax(dim=1)[:, None, None] + CLOSED_EXTRA
-    closed = torch.where(edges.closed, -farthest, NOTHING).to(benefit.dtype)
     surplus = edges.rows - edges.columns
     rest = edges.valid.any(dim=2) & (edges.may_wait | (surplus > 0))[:, None]
     unserved = edges.valid.any(dim=1) & (edges.may_wait | (surplus < 0))[:, None]
-    table = benefit.new_full((count, agents + 1, tasks + 1), NOTHING)
-    table[:, :-1, :-1] = torch.where(edges.valid, benefit, closed)
-    table[:, :-1, -1] = torch.where(rest, wait, NOTHING)
+    table = edges.cost.new_full((count, agents + 1, tasks + 1), NOTHING)
+    table[:, :-1, :-1] = torch.where(edges.valid, -edges.cost, torch.where(edges.closed, -farthest, NOTHING))
+    table[:, :-1, -1] = torch.where(rest, -edges.wait * edges.may_wait[:, None], NOTHING)
     table[:, -1, :-1] = torch.where(unserved, 0.0, NOTHING)
-    log_capacity = surplus.abs().clamp(min=1).to(benefit.dtype).log()
-    none = torch.zeros_like(log_capacity)
-    return Market(
-        table,
-        torch.where(surplus < 0, log_capacity, none),
-        torch.where(surplus > 0, log_capacity, none),
-        edges.may_wait,
-    )
+    log_capacity = surplus.abs().clamp(min=1).to(table.dtype).log()
+    return Market(table, log_capacity * (surplus < 0), log_capacity * (surplus > 0), edges.may_wait)
 
 
-def prices(market: Market, settings: GraphSageSettings) -> Tensor:
-    """(B, M + 1) v_j, the slack column's last."""
+def prices(market: Market, first: Tensor, settings: GraphSageSettings) -> Tensor:
+    """(B, M + 1) v_j after all steps, the slack column's last. first: (B, M + 1) where they begin."""
     benefit = market.benefit
-    rows = (benefit > NOTHING / 2).any(dim=2)
-    columns = (benefit > NOTHING / 2).any(dim=1)
-    u = torch.zeros_like(benefit[:, :, 0])
-    v = torch.zeros_like(benefit[:, 0, :])
+    rows, columns = (benefit > NOTHING / 2).any(dim=2), (benefit > NOTHING / 2).any(dim=1)
+    u, v = torch.zeros_like(benefit[:, :, 0]), _settled(first, columns, market.open)
     for step, tau in enumerate(temperatures(settings)):
         rate = settings.relaxation if step else 1.0
         u = u + rate * (_potential(benefit - v[:, None, :], columns[:, None, :], tau, market.log_rows, 2) - u)

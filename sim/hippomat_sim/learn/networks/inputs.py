@@ -82,5 +82,7 @@ def policy_inputs(problems: ProblemBatch, device: torch.device | str = "cpu") ->
     """Copies the batch: environments reuse their buffers."""
     count, agents, tasks = problems.costs_q.shape
     jitter = torch.tensor(code_jitter(agents, tasks), device=device).expand(count, agents, tasks)
-    arrays = [torch.tensor(getattr(problems, field.name), device=device) for field in fields(problems)]
-    return PolicyInputs(*arrays, jitter)
+    arrays = {
+        field.name: torch.tensor(getattr(problems, field.name), device=device) for field in fields(problems)
+    }
+    return PolicyInputs(**arrays, jitter=jitter)
