@@ -5,9 +5,10 @@ Takes seconds to a minute where nothing was compiled yet, and milliseconds from 
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.warm_up import warm_up
@@ -18,16 +19,22 @@ PATIENCE_S = 1.0
 
 def prepare_allocator(fleet: FleetConfig, policy: bytes | None, say: Callable[[str], None]) -> None:
     """Says so if it takes long. Raises ConfigError where allocator and policy do not fit the fleet."""
+    with told_if_slow(f"compiling the allocator {fleet.allocator}", say):
+        allocator = make_allocator(fleet.allocator, policy, fleet.size, fleet.task_slots)
+        warm_up(allocator, fleet.size, fleet.task_slots)
+
+
+@contextlib.contextmanager
+def told_if_slow(what: str, say: Callable[[str], None], patience_s: float = PATIENCE_S) -> Iterator[None]:
+    """Says what is being done while it takes longer than patience_s, and afterwards how long it took."""
     begun_s = time.monotonic()
-    text = f"compiling the allocator {fleet.allocator}; only the first start takes so long ..."
-    timer = threading.Timer(PATIENCE_S, say, (text,))
+    timer = threading.Timer(patience_s, say, (f"{what}; only the first start takes so long ...",))
     timer.daemon = True
     timer.start()
     try:
-        allocator = make_allocator(fleet.allocator, policy, fleet.size, fleet.task_slots)
-        warm_up(allocator, fleet.size, fleet.task_slots)
+        yield
     finally:
         timer.cancel()
     took_s = time.monotonic() - begun_s
-    if took_s >= PATIENCE_S:
-        say(f"the allocator is ready after {took_s:.0f} s")
+    if took_s >= patience_s:
+        say(f"{what}: done after {took_s:.0f} s")

@@ -19,11 +19,14 @@ from types import FrameType
 import numpy as np
 from numpy.typing import NDArray
 
+from hippomat_core.allocation.factory import make_allocator
+from hippomat_core.allocation.warm_up import warm_up
 from hippomat_core.config import Config
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.planning.ground import ground_of
 from hippomat_logs.map_files import load_map
+from hippomat_logs.policy_files import policy_of
 from hippomat_sim.daemons import Daemon, DaemonOrder, describe_end, interrupt_all, kill_all
 from hippomat_sim.medium import AirSettings, StationCounts
 from hippomat_sim.run_settings import RunSettings, checked, config_toml, run_config
@@ -32,7 +35,7 @@ from hippomat_sim.start_poses import start_poses
 from hippomat_sim.views import View
 from hippomat_sim.world import Body, Contact
 
-START_TIMEOUT_S = 40.0
+START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 15.0
 _VIEW_PERIOD_S = 0.5
 _MAX_LAG_US = 200_000
@@ -112,6 +115,9 @@ class FleetRun:
 
     def _start(self) -> None:
         """Start the daemons and wait until all robots are on the air."""
+        self._view.phase("preparing the allocator", 0.0, 0.0)
+        with contextlib.suppress(HippomatError):  # a daemon says better what is wrong with it
+            self._compile()
         self._view.phase("starting the daemons", 0.0, 0.0)
         self._start_ns = time.monotonic_ns()
         self._cpu_start_s = time.process_time()
@@ -129,6 +135,12 @@ class FleetRun:
             f"the fleet did not start: robot {mute.robot} was not heard within {START_TIMEOUT_S:.0f} s; "
             f"see {mute.errors}:\n{mute.last_words()}"
         )
+
+    def _compile(self) -> None:
+        """Once, here, instead of in every daemon at the same time; numba keeps what it compiled."""
+        fleet = self.config.fleet
+        allocator = make_allocator(fleet.allocator, policy_of(fleet), fleet.size, fleet.task_slots)
+        warm_up(allocator, fleet.size, fleet.task_slots)
 
     def _order(self, robot: int) -> DaemonOrder:
         x_m, y_m, yaw_rad = self.starts[robot].tolist()

@@ -20,7 +20,8 @@ class Problem:
     """The common snapshot of a round, seen from robot `self_index`. N rows in id order, M task slots.
 
     A robot that was never heard has present = False and a row of unreachable costs. The row of a busy robot
-    counts from the destination of its claim, the time until it is free included: when it could be at each task.
+    counts from the destination of its claim, the time until it is free included: when it could be at each
+    task.
     """
 
     costs_q: NDArray[np.uint8]  # (N, M) quantised travel costs, 255 = unreachable
