@@ -24,6 +24,11 @@ _TASK_ROW = struct.Struct("<BHBhhh")
 _STOP = struct.Struct("<HBB")
 
 
+def relay_room(n: int, m: int) -> int:
+    """The most rows that one RELAY of a fleet of n robots and m task slots holds."""
+    return (air.MAX_BODY - _rows_at(n)) // (RELAY_ROW_BYTES + m)
+
+
 def encode_relay(frame: RelayFrame) -> bytes:
     require(len(frame.rows) > 0, "RELAY.rows", frame.rows, "is empty: send no frame instead")
     m = whole_number("RELAY.m", np.size(frame.rows[0].costs), 1, MAX_TASK_SLOTS)
@@ -32,7 +37,7 @@ def encode_relay(frame: RelayFrame) -> bytes:
     rows_at = _rows_at(n)
     body = bytes([m, n]) + held.to_bytes(rows_at - 2, "little")
     body += b"".join(_encode_row(row, n, m) for row in frame.rows)
-    room = (air.MAX_BODY - rows_at) // (RELAY_ROW_BYTES + m)
+    room = relay_room(n, m)
     rule = f"are more than {room}, the most at N = {n}, M = {m}"
     require(len(frame.rows) <= room, "RELAY rows", len(frame.rows), rule)
     return body

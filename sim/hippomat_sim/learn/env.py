@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hippomat_sim.learn.delivery import Delivery
 from hippomat_sim.learn.env_arrays import (
     ON_THE_WAY,
     new_copies,
@@ -91,12 +92,24 @@ class VectorEnv:
             out.completed,
             out.released,
         )
-        self._begin(np.arange(copies))
+        self._delivery = Delivery(settings, copies, seed) if settings.loss > 0.0 else None
+        self._all = np.arange(copies)
+        self._begin(self._all)
 
     def reset(self) -> ProblemBatch:
         """Begins a new episode in every copy. (E, ..) problems, valid until the next step."""
-        self._begin(np.arange(self.copies))
+        self._begin(self._all)
         return self._problems
+
+    def views(self) -> ProblemBatch:
+        """(E N, ..) what agents hold: view e N + i is that of agent i of copy e, valid until the next step.
+
+        A row never heard is not present and unreachable; a late one is as it was, with its age. Without loss
+        everybody holds the common snapshot, copied for each.
+        """
+        if self._delivery is None:
+            return self._problems.take(np.repeat(self._all, self.settings.agents))
+        return self._delivery.views()
 
     def step(self, actions: ArrayLike) -> Step:
         """actions: (E, N) 0 = no request, j = task slot j - 1. Copies that end begin anew by themselves.
@@ -107,11 +120,13 @@ class VectorEnv:
         if advance(self._rules, self._copies, self._seen, self._out, self._scratch, chosen):
             self._stop_on_the_way()
         observe(self._rules, self._copies, self._seen, self._scratch)
+        if self._delivery is not None:
+            self._delivery.deliver(self._copies, self._seen, self._all)
         out = self._out
         ended = np.flatnonzero(out.terminated | out.truncated)
         final = None
         if len(ended):
-            final = self._problems.take(ended)
+            final = self._held(ended)
             self._begin(ended)
         return Step(
             out.rewards,
@@ -143,6 +158,16 @@ class VectorEnv:
     def _begin(self, which: NDArray[np.int64]) -> None:
         reset_copies(self._rules, self._copies, self._seen, self._scratch, which)
         observe(self._rules, self._copies, self._seen, self._scratch)
+        if self._delivery is not None:
+            self._delivery.forget(which)
+            self._delivery.deliver(self._copies, self._seen, which)
+
+    def _held(self, which: NDArray[np.int64]) -> ProblemBatch:
+        """What the agents of these copies hold, copied: the snapshot, or with loss a view for each agent."""
+        if self._delivery is None:
+            return self._problems.take(which)
+        agents = self.settings.agents
+        return self._delivery.views().take((which[:, None] * agents + np.arange(agents)).reshape(-1))
 
     def _checked_actions(self, actions: ArrayLike) -> NDArray[np.int64]:
         chosen = np.ascontiguousarray(actions, np.int64)
@@ -172,7 +197,7 @@ class VectorEnv:
     def _departure(self, e: int, i: int) -> NDArray[np.int16]:
         """(3,) the cell where a busy agent set out."""
         copies, place = self._copies, int(self._copies.origin[e, i])
-        if place == ON_THE_WAY:
-            return copies.own_cell[e, i].copy()
-        cell: NDArray[np.int16] = self.pool.places_cell[copies.world[e], self.classes[i], place]
+        cell: NDArray[np.int16] = copies.own_cell[e, i].copy()
+        if place != ON_THE_WAY:
+            cell = self.pool.places_cell[copies.world[e], self.classes[i], place]
         return cell

@@ -46,6 +46,7 @@ class Copies(NamedTuple):
     world: NDArray[np.int64]  # (E,)
     steps: NDArray[np.int64]  # (E,) of the episode
     site: NDArray[np.int64]  # (E, M) where the task of a slot is
+    generation: NDArray[np.int64]  # (E, M) counts the tasks of a slot
     taken: NDArray[np.bool_]  # (E, S) sites that are in a slot
     left: NDArray[np.int64]  # (E, 2) sites that are not: on the ground, in the air
     place: NDArray[np.int64]  # (E, N) from where the row counts: the destination, of a busy agent
@@ -122,7 +123,8 @@ def rules_of(settings: EnvSettings, pool: WorldPool, vehicle: NDArray[np.int64])
 def new_copies(rules: Rules, copies: int, tasks: int, seed: int) -> Copies:
     """Nothing drawn yet."""
     agents, sites = len(rules.vehicle), rules.travel_ms.shape[3]
-    whole = {"world": (copies,), "steps": (copies,), "left": (copies, 2), "site": (copies, tasks)}
+    whole = {"world": (copies,), "steps": (copies,), "left": (copies, 2)}
+    whole |= {"site": (copies, tasks), "generation": (copies, tasks)}
     for name in ("place", "busy_ms", "slot", "origin", "destination", "trip_ms"):
         whole[name] = (copies, agents)
     return Copies(

@@ -98,6 +98,7 @@ def _put_task(rules: Rules, copies: Copies, seen: Seen, e: int, j: int) -> None:
         taken[e, old] = False
         left[e, 1 if old >= rules.landed else 0] += 1
     copies.site[e, j] = site
+    copies.generation[e, j] += 1
     copies.new_slot[e, j] = True
     seen.waiting[e, j] = True
     if rules.handover:
