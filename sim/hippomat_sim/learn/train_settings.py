@@ -48,11 +48,16 @@ class EpisodeSettings:
     share: float = _number(1.0, 0.0, 1e6)  # relative to the other ingredients
     turnover: str = _choice("never", "never", "on_claim", "on_completion")
     agents: tuple[int, ...] = field(default=(6, 14), metadata={"low": 1, "high": 64})  # least, most
-    tasks: int = _number(0, 0, 80)  # 0: as many as agents
+    tasks: tuple[int, ...] = field(default=(0, 0), metadata={"low": 0, "high": 80})  # 0: as many as agents
     fragment_steps: int = _number(1, 1, 100_000)  # steps of every copy in one rollout
     episode_steps: int = _number(1, 1, 100_000)  # truncation
     copies: int = _number(0, 0, 100_000)  # 0: as many as `edges` allow
     edges: int = _number(50_000, 1, 100_000_000)  # agent-task pairs in a batch, where copies = 0
+
+    def sizes(self, agents: int) -> tuple[int, int]:
+        """Least and most tasks for so many agents."""
+        least, most = (tasks or agents for tasks in self.tasks)
+        return least, max(least, most)
 
     def copies_of(self, agents: int, tasks: int) -> int:
         """Copies of the environment at this size."""
@@ -151,9 +156,10 @@ def settings_from_dict(tree: Mapping[str, Any], name: str) -> TrainSettings:
     if not settings.episodes or not sum(episode.share for episode in settings.episodes) > 0.0:
         raise ConfigError(f"{name}: [[episodes]] is empty or has no share above 0: add one")
     for episode in settings.episodes:
-        if len(episode.agents) != 2 or episode.agents[0] > episode.agents[1]:
-            found = list(episode.agents)
-            raise ConfigError(f"{name}: [[episodes]] agents = {found} must be [least, most]")
+        for key in ("agents", "tasks"):
+            found = list(getattr(episode, key))
+            if len(found) != 2 or 0 < found[1] < found[0]:
+                raise ConfigError(f"{name}: [[episodes]] {key} = {found} must be [least, most]")
     return settings
 
 

@@ -1,0 +1,250 @@
+"""Independent proximal policy optimisation (HIPPO-MAT, "Independent PPO Training"; Schulman et al. 2017).
+
+    L_i = E[min(rho_i A_i, clip(rho_i, 1 - clip, 1 + clip) A_i)] - c_v E[(V_i - return_i)^2] + c_e E[H(pi_i)]
+
+with rho_i = pi_i(a_i | o_i) / pi_i,old(a_i | o_i), for every agent from its own experience alone. A_i is the
+generalised advantage (the paper), or the counterfactual of its request (ours, see advantages.py); beside it
+the optimal assignment may be cloned. Where agents share weights their losses are averaged; where every agent
+has weights of its own they are summed, so that each is trained as if it were alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from hippomat_core.allocation.paper_network import MASKED_LOGIT
+from hippomat_core.allocation.quantise import FULL_SCALE
+from hippomat_core.wire.frames import UNREACHABLE
+from hippomat_sim.learn.advantages import (
+    Payment,
+    counterfactual_advantages,
+    counterfactual_payments,
+    generalised_advantages,
+)
+from hippomat_sim.learn.networks import PolicyInputs, PolicyNetwork, policy_inputs
+from hippomat_sim.learn.optimal import best_slots, task_prices
+from hippomat_sim.learn.problems import ProblemBatch
+from hippomat_sim.learn.rollout import Rollout
+from hippomat_sim.learn.train_settings import PpoSettings, SignalSettings
+
+_LITTLE = 1e-8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Batch:
+    """B decisions of N agents with everything that the loss needs."""
+
+    inputs: PolicyInputs
+    acting: Tensor  # (B, N) bool: had a choice
+    actions: Tensor  # (B, N)
+    log_probs: Tensor  # (B, N) of the policy that acted
+    advantages: Tensor  # (B, N)
+    returns: Tensor | None  # (B, N) what the value should be; None where values are not used
+    optimal: Tensor | None  # (B, N) action of the optimal assignment; None where it is not cloned
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+    def rows(self, chosen: Tensor) -> Batch:
+        returns = None if self.returns is None else self.returns[chosen]
+        optimal = None if self.optimal is None else self.optimal[chosen]
+        return Batch(
+            self.inputs[chosen],
+            self.acting[chosen],
+            self.actions[chosen],
+            self.log_probs[chosen],
+            self.advantages[chosen],
+            returns,
+            optimal,
+        )
+
+
+class Ippo:
+    """A network, its Adam, and how they learn from a rollout. progress: 0 at a run's start, 1 at its end."""
+
+    def __init__(
+        self,
+        network: PolicyNetwork,
+        settings: PpoSettings,
+        signals: SignalSettings,
+        seed: int,
+        device: torch.device,
+    ) -> None:
+        self.network = network.to(device)
+        self.settings, self.signals, self.device = settings, signals, device
+        self.random = torch.Generator(device).manual_seed(seed)
+        self.own_weights = bool(getattr(network, "independent", False))
+        self.optimiser = torch.optim.Adam(self._groups(), lr=settings.learning_rate)
+
+    @torch.no_grad()
+    def act(self, problems: ProblemBatch) -> tuple[Tensor, Tensor]:
+        """Actions drawn from the policy (E, N), and its logits (E, N, M + 1)."""
+        logits = self.network(policy_inputs(problems, self.device))
+        waiting = torch.empty_like(logits).exponential_(generator=self.random)
+        return (logits - torch.log(waiting)).argmax(dim=2), logits  # Gumbel: the first to arrive
+
+    def learn(self, rollout: Rollout, progress: float) -> dict[str, float]:
+        """Updates the network; returns the means of its losses over the update."""
+        batch = self._batch(rollout, progress)
+        self._set_rate(progress)
+        size = self.settings.minibatch or len(batch)
+        sums: dict[str, float] = {}
+        steps = 0
+        for _ in range(self.settings.epochs):
+            for chosen in torch.split(self._order(len(batch)), size):
+                part = batch if len(chosen) == len(batch) else batch.rows(chosen)
+                loss, parts = self._loss(part, progress)
+                norm = self._step(loss)
+                steps += 1
+                for name, value in {**parts, "gradient": norm}.items():
+                    sums[name] = sums.get(name, 0.0) + value.item()
+        return {name: value / steps for name, value in sums.items()}
+
+    def _order(self, count: int) -> Tensor:
+        return torch.randperm(count, generator=self.random, device=self.device)
+
+    def _loss(self, batch: Batch, progress: float) -> tuple[Tensor, dict[str, Tensor]]:
+        settings = self.settings
+        logits, values = self._evaluate(batch)
+        log_policy = torch.log_softmax(logits, dim=2)
+        log_probs = log_policy.gather(2, batch.actions[..., None])[..., 0]
+        ratio = torch.exp(log_probs - batch.log_probs)
+        clipped = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
+        gain = torch.minimum(ratio * batch.advantages, clipped * batch.advantages)
+        entropy = -(log_policy.exp() * log_policy).sum(dim=2)
+        losses = {
+            "policy_loss": -self._mean(gain, batch.acting),
+            "entropy": self._mean(entropy, batch.acting),
+        }
+        loss = losses["policy_loss"] - settings.entropy * losses["entropy"]
+        if values is not None and batch.returns is not None:
+            losses["value_loss"] = self._mean(
+                torch.square(values - batch.returns), torch.ones_like(batch.acting)
+            )
+            loss = loss + settings.value_coefficient * losses["value_loss"]
+        if batch.optimal is not None:
+            losses["clone_loss"] = self._clone_loss(log_policy, logits, batch)
+            loss = loss + self._clone_weight(progress) * losses["clone_loss"]
+        with torch.no_grad():
+            outside = (torch.abs(ratio - 1.0) > settings.clip).float()
+            losses["clipped"] = self._mean(outside, batch.acting)
+        return loss, self._shown(losses, batch)
+
+    def _evaluate(self, batch: Batch) -> tuple[Tensor, Tensor | None]:
+        if batch.returns is None:
+            return self.network(batch.inputs), None
+        return self.network.evaluate(batch.inputs)
+
+    def _clone_loss(self, log_policy: Tensor, logits: Tensor, batch: Batch) -> Tensor:
+        """Cross-entropy with the optimal assignment, where the policy can choose as it does."""
+        assert batch.optimal is not None
+        at = batch.optimal[..., None]
+        possible = logits.gather(2, at)[..., 0] > float(MASKED_LOGIT) / 2.0
+        return self._mean(-log_policy.gather(2, at)[..., 0], batch.acting & possible)
+
+    def _mean(self, figure: Tensor, counted: Tensor) -> Tensor:
+        """Mean over what counts; with weights of their own, the sum of the agents' means."""
+        figure = figure.masked_fill(~counted, 0.0)
+        if self.own_weights:
+            return (figure.sum(dim=0) / counted.sum(dim=0).clamp(min=1)).sum()
+        return figure.sum() / counted.sum().clamp(min=1)
+
+    def _shown(self, losses: dict[str, Tensor], batch: Batch) -> dict[str, Tensor]:
+        agents = batch.actions.shape[1] if self.own_weights else 1
+        return {name: value.detach() / agents for name, value in losses.items()}
+
+    def _step(self, loss: Tensor) -> Tensor:
+        """One step of Adam; returns the norm of the gradient."""
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        norm: Tensor = nn.utils.clip_grad_norm_(
+            self.network.parameters(), self.settings.gradient_clip or float("inf")
+        )
+        self.optimiser.step()
+        return norm
+
+    @torch.no_grad()
+    def _batch(self, rollout: Rollout, progress: float) -> Batch:
+        inputs = policy_inputs(rollout.problems, self.device)
+        acting = inputs.eligible.any(dim=2)
+        returns = None
+        if self.settings.advantage == "gae":
+            advantages, returns = self._generalised(rollout, inputs)
+        else:
+            advantages = self._counterfactual(rollout, inputs)
+        if self.settings.normalise_advantages:
+            advantages = self._normalised(advantages, acting)
+        log_probs = torch.log_softmax(rollout.logits, dim=2).gather(2, rollout.actions[..., None])[..., 0]
+        optimal = None
+        if self._clone_weight(progress) > 0.0:
+            optimal = self._slots(rollout.problems) + 1
+        return Batch(inputs, acting, rollout.actions, log_probs, advantages, returns, optimal)
+
+    def _generalised(self, rollout: Rollout, inputs: PolicyInputs) -> tuple[Tensor, Tensor]:
+        """Advantages and returns, (T E, N)."""
+        rewards = rollout.rewards.to(self.device)
+        if self.settings.reward == "team":
+            rewards = rollout.team_rewards.to(self.device)[..., None].expand_as(rewards)
+        values = self.network.values(inputs).view_as(rewards)
+        last = self.network.values(policy_inputs(rollout.last, self.device))
+        following = torch.cat([values[1:], last[None]])
+        if rollout.finals is not None:
+            finals = self.network.values(policy_inputs(rollout.finals, self.device))
+            following.flatten(0, 1)[rollout.final_at.to(self.device)] = finals
+        terminated = rollout.terminated.to(self.device)
+        ended = terminated | rollout.truncated.to(self.device)
+        gamma, gae_lambda = self.settings.gamma, self.settings.gae_lambda
+        advantages = generalised_advantages(rewards, values, following, terminated, ended, gamma, gae_lambda)
+        return advantages.flatten(0, 1), (advantages + values).flatten(0, 1)
+
+    def _counterfactual(self, rollout: Rollout, inputs: PolicyInputs) -> Tensor:
+        """(T E, N). Busy agents count as claiming what the optimum promises them: looking ahead pays."""
+        signals = self.signals
+        costs = torch.square(inputs.costs_q.float() / FULL_SCALE)
+        if signals.dual_price > 0.0:
+            eligible = inputs.eligible.cpu().numpy()
+            prices = task_prices(rollout.problems.costs_q, eligible, signals.task_value)
+            costs = costs + signals.dual_price * torch.from_numpy(prices).to(self.device)[:, None, :]
+        claims = rollout.actions
+        if bool(inputs.busy.any()):
+            claims = torch.where(inputs.busy, self._slots(rollout.problems) + 1, claims)
+        pay = Payment(signals.task_value, signals.conflict)
+        payments = counterfactual_payments(costs, inputs.eligible, claims, pay)
+        return counterfactual_advantages(payments, torch.softmax(rollout.logits, dim=2), rollout.actions)
+
+    def _slots(self, problems: ProblemBatch) -> Tensor:
+        """(B, N) slot of every agent in the optimal assignment that looks ahead, -1 = none."""
+        open_ = (problems.costs_q != UNREACHABLE) & problems.waiting[:, None, :]
+        eligible = open_ & problems.available[:, :, None]
+        promisable = open_ & (problems.busy & ~problems.available)[:, :, None]
+        return torch.from_numpy(best_slots(problems.costs_q, eligible, promisable)).to(self.device)
+
+    def _normalised(self, advantages: Tensor, acting: Tensor) -> Tensor:
+        """Mean 0 and deviation 1 over the decisions; of every agent alone where it has weights of its own."""
+        over = (0,) if self.own_weights else (0, 1)
+        counted = acting.to(advantages.dtype)
+        count = counted.sum(dim=over, keepdim=True).clamp(min=1.0)
+        mean = (advantages * counted).sum(dim=over, keepdim=True) / count
+        centred = (advantages - mean) * counted
+        deviation = torch.sqrt(torch.square(centred).sum(dim=over, keepdim=True) / count)
+        return centred / (deviation + _LITTLE)
+
+    def _clone_weight(self, progress: float) -> float:
+        return self.signals.clone_start + (self.signals.clone_end - self.signals.clone_start) * progress
+
+    def _groups(self) -> list[dict[str, object]]:
+        """Parameters by their factor of the learning rate: the longest prefix of the name that has one."""
+        groups: dict[float, list[nn.Parameter]] = {}
+        for name, parameter in self.network.named_parameters():
+            fitting = [prefix for prefix in self.settings.rate_factors if name.startswith(prefix)]
+            factor = self.settings.rate_factors[max(fitting, key=len)] if fitting else 1.0
+            groups.setdefault(factor, []).append(parameter)
+        return [{"params": parameters, "factor": factor} for factor, parameters in groups.items()]
+
+    def _set_rate(self, progress: float) -> None:
+        fall = 1.0 + (self.settings.final_rate - 1.0) * progress
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.settings.learning_rate * fall * group["factor"]
