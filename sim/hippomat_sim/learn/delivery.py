@@ -49,6 +49,10 @@ class Delivery:
         """E N views in buffers of its own: view e N + i is what agent i of copy e holds."""
         return self._views
 
+    def memory(self) -> dict[str, NDArray[np.generic]]:
+        """All that later rounds depend on, not copied."""
+        return {"radio_random": self._random} | {f"row_{name}": a for name, a in self._rows._asdict().items()}
+
     def deliver(self, copies: Copies, seen: Seen, which: NDArray[np.int64]) -> None:
         """One more round in the copies of `which`: everybody sends its row of `seen`."""
         deliver(self._air, self._random, self._rows, self._turns, copies, seen, which)
@@ -73,7 +77,7 @@ def air_of(settings: EnvSettings) -> Air:
 
 
 def held_after_a_round(settings: EnvSettings, rounds: int, seed: int) -> NDArray[np.bool_]:
-    """(rounds, N, N) [holder, row] which rows of a round are held at its end; to compare the model with radios."""
+    """(rounds, N, N) [holder, row] which rows of a round are held at its end; to compare with radios."""
     air, turns = air_of(settings), new_turns(settings.agents)
     random = streams(1, seed, _RADIO)
     held = np.empty((rounds, settings.agents, settings.agents), np.bool_)

@@ -90,7 +90,7 @@ def exchange(air: Air, random: NDArray[np.uint64], stream: int, turns: Turns) ->
 
 @njit(nogil=True)
 def _expect_losses(miss: NDArray[np.uint8], loss: float) -> None:
-    """Nothing but the loss of the links is known; nobody lacks its own row, or counts what it lacks itself."""
+    """Nothing but the loss of the links is known; nobody lacks its own row or counts what it lacks itself."""
     agents = len(miss)
     miss[:] = min(int(loss * _CHANCES) >> 8, CERTAIN)
     for s in range(agents):

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from hippomat_sim.learn.delivery import Delivery
 from hippomat_sim.learn.env_arrays import (
     ON_THE_WAY,
+    Copies,
     new_copies,
     new_outcome,
     new_scratch,
@@ -96,6 +97,11 @@ class VectorEnv:
         self._all = np.arange(copies)
         self._begin(self._all)
 
+    @property
+    def hidden(self) -> Copies:
+        """What no agent sees whole: places, destinations, sites. To be looked at, not to be changed."""
+        return self._copies
+
     def reset(self) -> ProblemBatch:
         """Begins a new episode in every copy. (E, ..) problems, valid until the next step."""
         self._begin(self._all)
@@ -153,7 +159,8 @@ class VectorEnv:
             array[...] = state[name]
 
     def _future(self) -> dict[str, NDArray[np.generic]]:
-        return {**self._copies._asdict(), **self._seen._asdict()}
+        air = {} if self._delivery is None else self._delivery.memory()
+        return {**self._copies._asdict(), **self._seen._asdict(), **air}
 
     def _begin(self, which: NDArray[np.int64]) -> None:
         reset_copies(self._rules, self._copies, self._seen, self._scratch, which)
