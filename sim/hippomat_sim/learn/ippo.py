@@ -10,7 +10,7 @@ has weights of its own they are summed, so that each is trained as if it were al
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor, nn
@@ -25,6 +25,7 @@ from hippomat_sim.learn.advantages import (
     generalised_advantages,
 )
 from hippomat_sim.learn.networks import PolicyInputs, PolicyNetwork, policy_inputs
+from hippomat_sim.learn.networks.graphsage import GraphSageNetwork
 from hippomat_sim.learn.optimal import best_slots, task_prices
 from hippomat_sim.learn.problems import ProblemBatch
 from hippomat_sim.learn.rollout import Rollout
@@ -108,7 +109,7 @@ class Ippo:
 
     def _loss(self, batch: Batch, progress: float) -> tuple[Tensor, dict[str, Tensor]]:
         settings = self.settings
-        logits, values = self._evaluate(batch)
+        logits, values, cloned = self._evaluate(batch)
         log_policy = torch.log_softmax(logits, dim=2)
         log_probs = log_policy.gather(2, batch.actions[..., None])[..., 0]
         ratio = torch.exp(log_probs - batch.log_probs)
@@ -126,23 +127,31 @@ class Ippo:
             )
             loss = loss + settings.value_coefficient * losses["value_loss"]
         if batch.optimal is not None:
-            losses["clone_loss"] = self._clone_loss(log_policy, logits, batch)
+            losses["clone_loss"] = self._clone_loss(cloned, batch)
             loss = loss + self._clone_weight(progress) * losses["clone_loss"]
         with torch.no_grad():
             outside = (torch.abs(ratio - 1.0) > settings.clip).float()
             losses["clipped"] = self._mean(outside, batch.acting)
         return loss, self._shown(losses, batch)
 
-    def _evaluate(self, batch: Batch) -> tuple[Tensor, Tensor | None]:
-        if batch.returns is None:
-            return self.network(batch.inputs), None
-        return self.network.evaluate(batch.inputs)
+    def _evaluate(self, batch: Batch) -> tuple[Tensor, Tensor | None, Tensor]:
+        """Logits of the policy, values where they are used, and the logits that learn by cloning."""
+        if batch.returns is not None:
+            logits, values = self.network.evaluate(batch.inputs)
+            return logits, values, logits
+        if self.signals.alone and batch.optimal is not None and isinstance(self.network, GraphSageNetwork):
+            head = replace(self.network.settings, head=True, **self.signals.clone_head)
+            alone, with_head = self.network.evaluate_both(batch.inputs, head)
+            return alone, None, with_head
+        logits = self.network(batch.inputs)
+        return logits, None, logits
 
-    def _clone_loss(self, log_policy: Tensor, logits: Tensor, batch: Batch) -> Tensor:
+    def _clone_loss(self, logits: Tensor, batch: Batch) -> Tensor:
         """Cross-entropy with the optimal assignment, where the policy can choose as it does."""
         assert batch.optimal is not None
         at = batch.optimal[..., None]
         possible = logits.gather(2, at)[..., 0] > float(MASKED_LOGIT) / 2.0
+        log_policy = torch.log_softmax(logits, dim=2)
         return self._mean(-log_policy.gather(2, at)[..., 0], batch.acting & possible)
 
     def _mean(self, figure: Tensor, counted: Tensor) -> Tensor:

@@ -93,6 +93,8 @@ class SignalSettings:
     dual_price: float = _number(0.0, 0.0, 1.0)  # share of the task's price that is added to its cost
     clone_start: float = _number(0.0, 0.0, 1000.0)  # weight of cloning the optimal assignment, at the start
     clone_end: float = _number(0.0, 0.0, 1000.0)  # and at the end; linear in between
+    clone_head: dict[str, Any] = field(default_factory=dict)  # settings of the head while it is cloned
+    alone: bool = False  # of ours: IPPO trains the learned part without its head, cloning the part with it
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,11 +17,13 @@ from typing import Any
 
 import torch
 
+from hippomat_core.allocation.graphsage_settings import GraphSageSettings
 from hippomat_core.errors import ConfigError
 from hippomat_sim.learn.checkpoint import load_checkpoint, save_checkpoint
 from hippomat_sim.learn.frozen_set import Evaluation, FrozenSet
 from hippomat_sim.learn.ippo import Ippo
 from hippomat_sim.learn.networks import PolicyNetwork, make_network
+from hippomat_sim.learn.networks.graphsage import GraphSageNetwork
 from hippomat_sim.learn.rollout import Collector, Rollout
 from hippomat_sim.learn.train_settings import TrainSettings, settings_from_dict, settings_to_dict
 from hippomat_sim.learn.training_log import TrainingLog
@@ -120,7 +122,9 @@ class Training:
         row = {"update": clock.update, "agent_steps": clock.agent_steps, **_earned(rollout), **losses}
         every = self.settings.budget.evaluate_every
         if self.done or (every and clock.update % every == 0):
-            self.evaluation = self.frozen.play(self.network, self.device)
+            self.evaluation = self.frozen.play(
+                shipped(self.network, self.settings).to(self.device), self.device
+            )
             row["evaluation"] = self.evaluation
         return {**row, "collect_s": clock.collect_s, "learn_s": clock.learn_s}
 
@@ -147,7 +151,17 @@ def fresh_network(settings: TrainSettings) -> PolicyNetwork:
     agents, tasks = fixed_size(settings)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)
-        return make_network(settings.network.kind, settings.network.options, agents, tasks)
+        network = make_network(settings.network.kind, settings.network.options, agents, tasks)
+    if settings.signals.alone and isinstance(network, GraphSageNetwork):
+        return network.with_settings(head=False)
+    return network
+
+
+def shipped(network: PolicyNetwork, settings: TrainSettings) -> PolicyNetwork:
+    """What was trained, with the head that the preset asks for."""
+    if isinstance(network, GraphSageNetwork):
+        return network.with_settings(**GraphSageSettings.from_dict(settings.network.options).as_dict())
+    return network
 
 
 def fixed_size(settings: TrainSettings) -> tuple[int, int]:

@@ -83,20 +83,26 @@ class GraphSageNetwork(PolicyNetwork):
     def evaluate(self, inputs: PolicyInputs) -> tuple[Tensor, Tensor]:
         edges = edges_of(inputs, self.settings)
         e = self.embeddings(edges)
-        logits = self._with_head(edges, e) if self.settings.head else self._alone(edges, e)
+        logits = self._with_head(edges, e, self.settings) if self.settings.head else self._alone(edges, e)
         return logits, self._values(edges, e)
+
+    def evaluate_both(self, inputs: PolicyInputs, head: GraphSageSettings) -> tuple[Tensor, Tensor]:
+        """Logits of the learned part alone and with a head of these settings; what they share runs once."""
+        edges = edges_of(inputs, head)
+        e = self.embeddings(edges)
+        return self._alone(edges, e), self._with_head(edges, e, head)
 
     def _alone(self, edges: Edges, e: Tensor) -> Tensor:
         score = self.out(e)[..., 0]
         offers = torch.cat([-edges.wait[..., None], score - edges.cost], dim=2)
         return masked(offers.to(e.dtype), edges.allowed)
 
-    def _with_head(self, edges: Edges, e: Tensor) -> Tensor:
+    def _with_head(self, edges: Edges, e: Tensor, settings: GraphSageSettings) -> Tensor:
         out = self.out(e)
         weights = torch.softmax(out[..., 2].masked_fill(~edges.valid, NOTHING), dim=1)
         first_prices = PRICE_SIZE * (weights * out[..., 1]).sum(dim=1)
-        offers = net_offers(edges, first_prices, self.settings).masked_fill(~edges.allowed, NOTHING)
-        behind = (offers - offers.amax(dim=2, keepdim=True)) / self.settings.head_temperature
+        offers = net_offers(edges, first_prices, settings).masked_fill(~edges.allowed, NOTHING)
+        behind = (offers - offers.amax(dim=2, keepdim=True)) / settings.head_temperature
         return masked(behind.clamp(min=-LOGIT_SPAN).to(e.dtype), edges.allowed)
 
     def _values(self, edges: Edges, e: Tensor) -> Tensor:
