@@ -12,8 +12,10 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import cases
+from benchmarks import cases, learning
 from benchmarks.measure import Result
+
+CASES = cases.CASES | learning.CASES
 
 
 def main() -> int:
@@ -21,11 +23,11 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object per line")
     parser.add_argument("names", nargs="*", help="only these cases (default: all)")
     options = parser.parse_args()
-    unknown = set(options.names) - set(cases.CASES)
+    unknown = set(options.names) - set(CASES)
     if unknown:
-        print(f"unknown case {sorted(unknown)[0]!r}; known: {', '.join(cases.CASES)}", file=sys.stderr)
+        print(f"unknown case {sorted(unknown)[0]!r}; known: {', '.join(CASES)}", file=sys.stderr)
         return 1
-    results = [cases.CASES[name]() for name in options.names or cases.CASES]
+    results = [CASES[name]() for name in options.names or CASES]
     show(results, options.json)
     return 0
 

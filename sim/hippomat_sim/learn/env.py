@@ -125,7 +125,7 @@ class VectorEnv:
         chosen = self._checked_actions(actions)
         if advance(self._rules, self._copies, self._seen, self._out, self._scratch, chosen):
             self._stop_on_the_way()
-        observe(self._rules, self._copies, self._seen, self._scratch)
+        observe(self._rules, self._copies, self._seen, self._scratch, self._all)
         if self._delivery is not None:
             self._delivery.deliver(self._copies, self._seen, self._all)
         out = self._out
@@ -164,7 +164,7 @@ class VectorEnv:
 
     def _begin(self, which: NDArray[np.int64]) -> None:
         reset_copies(self._rules, self._copies, self._seen, self._scratch, which)
-        observe(self._rules, self._copies, self._seen, self._scratch)
+        observe(self._rules, self._copies, self._seen, self._scratch, which)
         if self._delivery is not None:
             self._delivery.forget(which)
             self._delivery.deliver(self._copies, self._seen, which)

@@ -37,6 +37,7 @@ class Rules(NamedTuple):
     vehicle: NDArray[np.int64]  # (N,) UGV or UAV
     travel_ms: NDArray[np.uint16]  # (W, 2, V + S, S)
     code_of_ms: NDArray[np.uint8]  # (65536,)
+    codes: NDArray[np.uint8]  # (W, 2, V + S, S) of travel_ms: most rows are those of idle agents
 
 
 class Copies(NamedTuple):
@@ -117,6 +118,7 @@ def rules_of(settings: EnvSettings, pool: WorldPool, vehicle: NDArray[np.int64])
         vehicle=vehicle,
         travel_ms=pool.travel_ms,
         code_of_ms=pool.code_of_ms,
+        codes=pool.code_of_ms[pool.travel_ms],
     )
 
 

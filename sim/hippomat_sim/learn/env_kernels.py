@@ -38,24 +38,52 @@ def reset_copies(
     rules: Rules, copies: Copies, seen: Seen, scratch: Scratch, which: NDArray[np.int64]
 ) -> None:
     """Begins an episode in the copies of `which`: a world, different starts, different sites."""
-    tasks = copies.site.shape[1]
-    worlds, sites = rules.travel_ms.shape[0], rules.travel_ms.shape[3]
+    random, site, taken, left = copies.random, copies.site, copies.taken, copies.left
+    place, vehicle, given, landed = copies.place, rules.vehicle, scratch.starts, rules.landed
+    worlds, sites, airborne = rules.travel_ms.shape[0], taken.shape[1], rules.airborne_tasks
     for e in which:
-        copies.world[e] = draw_below(copies.random, e, worlds)
+        copies.world[e] = draw_below(random, e, worlds)
+        taken[e, :] = False
+        left[e, 0], left[e, 1] = landed, sites - landed
+        for j in range(site.shape[1]):
+            site[e, j] = _draw_site(random, taken, left, landed, airborne, e)
+        _place_agents(random, place, vehicle, given, e)
         copies.steps[e] = 0
-        copies.taken[e, :] = False
-        copies.left[e, 0], copies.left[e, 1] = rules.landed, sites - rules.landed
-        copies.site[e, :] = -1
-        for j in range(tasks):
-            _put_task(rules, copies, seen, e, j)
-        _place_agents(copies.random, copies.place, rules.vehicle, scratch.starts, e)
+        copies.generation[e, :] += 1
+        copies.handed_over[e, :, :] = False
         copies.busy_ms[e, :] = 0
         copies.destination[e, :] = -1
         copies.slot[e, :] = -1
         copies.new_row[e, :] = True
+        seen.waiting[e, :] = True
         seen.available[e, :] = True
         seen.busy[e, :] = False
         seen.assigned[e, :] = False
+
+
+@njit(nogil=True)
+def _draw_site(
+    random: NDArray[np.uint64],
+    taken: NDArray[np.bool_],
+    left: NDArray[np.int64],
+    landed: int,
+    airborne: float,
+    e: int,
+) -> int:
+    """A site that no slot of copy e has; in the air by chance, or where the other kind has run out."""
+    kind = 0
+    if airborne > 0.0 and draw_unit(random, e) < airborne:
+        kind = 1
+    if left[e, kind] == 0:
+        kind = 1 - kind
+    first = landed if kind == 1 else 0
+    count = taken.shape[1] - landed if kind == 1 else landed
+    site = first + draw_below(random, e, count)
+    while taken[e, site]:
+        site = first + draw_below(random, e, count)
+    taken[e, site] = True
+    left[e, kind] -= 1
+    return site
 
 
 @njit(nogil=True)
@@ -80,24 +108,10 @@ def _place_agents(
 @njit(nogil=True)
 def _put_task(rules: Rules, copies: Copies, seen: Seen, e: int, j: int) -> None:
     """A new task in slot j, at a site that no slot has; the old one's site is free from then on."""
-    random, taken, left = copies.random, copies.taken, copies.left
-    kind = 0
-    if rules.airborne_tasks > 0.0 and draw_unit(random, e) < rules.airborne_tasks:
-        kind = 1
-    if left[e, kind] == 0:
-        kind = 1 - kind
-    first = rules.landed if kind == 1 else 0
-    count = taken.shape[1] - rules.landed if kind == 1 else rules.landed
-    site = first + draw_below(random, e, count)
-    while taken[e, site]:
-        site = first + draw_below(random, e, count)
-    taken[e, site] = True
-    left[e, kind] -= 1
-    old = copies.site[e, j]
-    if old >= 0:
-        taken[e, old] = False
-        left[e, 1 if old >= rules.landed else 0] += 1
-    copies.site[e, j] = site
+    landed, old = rules.landed, copies.site[e, j]
+    copies.site[e, j] = _draw_site(copies.random, copies.taken, copies.left, landed, rules.airborne_tasks, e)
+    copies.taken[e, old] = False
+    copies.left[e, 1 if old >= landed else 0] += 1
     copies.generation[e, j] += 1
     copies.new_slot[e, j] = True
     seen.waiting[e, j] = True
@@ -333,14 +347,18 @@ def _end(rules: Rules, copies: Copies, seen: Seen, out: Outcome) -> None:
 
 
 @njit(cache=True, nogil=True)
-def observe(rules: Rules, copies: Copies, seen: Seen, scratch: Scratch) -> None:
-    """Renews the codes of rows and slots that are not as they were: when each agent could be at each task."""
+def observe(rules: Rules, copies: Copies, seen: Seen, scratch: Scratch, which: NDArray[np.int64]) -> None:
+    """Renews the codes of rows and slots that are not as they were: when each agent could be at each task.
+
+    In the copies of `which`.
+    """
     costs_q, place, busy_ms, sites = seen.costs_q, copies.place, copies.busy_ms, scratch.sites
     new_row, new_slot, handed_over = copies.new_row, copies.new_slot, copies.handed_over
     table, own_row_ms, world, vehicle = rules.travel_ms, copies.own_row_ms, copies.world, rules.vehicle
     code_of_ms, handover, slots = rules.code_of_ms, rules.handover, scratch.slots
-    count, agents, tasks = costs_q.shape
-    for e in range(count):
+    codes = rules.codes
+    agents, tasks = costs_q.shape[1:]
+    for e in which:
         renewed = 0
         for j in range(tasks):
             sites[j] = copies.site[e, j]
@@ -352,16 +370,24 @@ def observe(rules: Rules, copies: Copies, seen: Seen, scratch: Scratch) -> None:
             row_ms = table[world[e], vehicle[i], max(place[e, i], 0)]
             if place[e, i] == ON_THE_WAY:
                 row_ms = own_row_ms[e, i]
-            if new_row[e, i]:
-                _price(row_ms, busy_ms[e, i], sites, code_of_ms, costs_q[e, i])
-                new_row[e, i] = False
-            else:
+            if not new_row[e, i]:
                 for k in range(renewed):
                     costs_q[e, i, slots[k]] = _code(row_ms, busy_ms[e, i], sites[slots[k]], code_of_ms)
-            if handover:
-                for j in range(tasks):
-                    if handed_over[e, i, j]:
-                        costs_q[e, i, j] = UNREACHABLE
+            elif busy_ms[e, i] == 0 and place[e, i] != ON_THE_WAY:
+                _look_up(codes[world[e], vehicle[i], place[e, i]], sites, costs_q[e, i])
+            else:
+                _price(row_ms, busy_ms[e, i], sites, code_of_ms, costs_q[e, i])
+            new_row[e, i] = False
+            for j in range(tasks if handover else 0):
+                if handed_over[e, i, j]:
+                    costs_q[e, i, j] = UNREACHABLE
+
+
+@njit(nogil=True)
+def _look_up(row_codes: NDArray[np.uint8], sites: NDArray[np.uint16], costs_q: NDArray[np.uint8]) -> None:
+    """The row of who is idle at a place. Unsigned indices: numba looks at the sign of every other one."""
+    for j in range(np.uint64(len(sites))):
+        costs_q[j] = row_codes[sites[j]]
 
 
 @njit(nogil=True, inline="always")
@@ -382,6 +408,6 @@ def _price(
     code_of_ms: NDArray[np.uint8],
     costs_q: NDArray[np.uint8],
 ) -> None:
-    """The codes of a whole row. Unsigned indices: numba looks at the sign of every other one."""
+    """The row of who is `later_ms` from there."""
     for j in range(np.uint64(len(sites))):
         costs_q[j] = _code(row_ms, later_ms, sites[j], code_of_ms)
