@@ -6,6 +6,12 @@ import sys
 from collections.abc import Callable
 
 SIM_PACKAGES = ("pybullet", "cffi", "cryptography", "matplotlib", "platformdirs")
+TRAIN_PACKAGES = ("torch", "tensorboard", "pettingzoo", "gymnasium")
+EXTRA_OF = {
+    **dict.fromkeys(SIM_PACKAGES, "sim"),
+    **dict.fromkeys(TRAIN_PACKAGES, "train"),
+    "ray": "ray",
+}
 
 
 def main() -> int:
@@ -27,10 +33,11 @@ def guarded(command: str, run: Callable[[], int]) -> int:
         ensure_numba_cache()
         return run()
     except ModuleNotFoundError as error:
-        if error.name not in SIM_PACKAGES:
+        extra = EXTRA_OF.get(error.name or "")
+        if extra is None:
             raise
         print(
-            f"{command}: the package {error.name} is not installed: pip install 'hippomat[sim]'",
+            f"{command}: the package {error.name} is not installed: pip install 'hippomat[{extra}]'",
             file=sys.stderr,
         )
         return 1

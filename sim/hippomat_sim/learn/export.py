@@ -1,0 +1,38 @@
+"""A trained policy as the file that robots read, with the manifest that says how it came to be."""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from hippomat_core.allocation.policy_file import PolicyFile
+from hippomat_sim.learn.checkpoint import load_checkpoint
+from hippomat_sim.learn.networks import PolicyNetwork
+from hippomat_sim.learn.train_settings import settings_from_dict
+from hippomat_sim.learn.training import fresh_network, shipped
+
+
+def exported_policy(folder: Path) -> PolicyFile:
+    """The policy of a run's checkpoint; ConfigError where there is none."""
+    state = load_checkpoint(folder)
+    settings = settings_from_dict(json.loads(state["settings"]), str(folder))
+    network = fresh_network(settings)
+    network.load_state_dict(state["network"])
+    metrics = {"evaluation": json.loads(state["evaluation"]), **state["clock"]}
+    training = {"version": version("hippomat"), "worlds": state["pool"], **json.loads(state["settings"])}
+    return policy_file(shipped(network, settings), training, metrics)
+
+
+def policy_file(network: PolicyNetwork, training: dict[str, Any], metrics: dict[str, Any]) -> PolicyFile:
+    tensors = {key: tensor.numpy() for key, tensor in network.to_tensors().items()}
+    return PolicyFile(network.network, network.settings_dict(), training, metrics, tensors)
+
+
+def write_policy(policy: PolicyFile, path: Path) -> None:
+    """Replaces the file in one move, so that nobody reads half of it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_suffix(".tmp")
+    beside.write_bytes(policy.to_bytes())
+    beside.replace(path)
