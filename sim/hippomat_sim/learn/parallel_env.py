@@ -112,7 +112,7 @@ class AllocationParallelEnv(ParallelEnv[str, Observation, int]):  # type: ignore
         return observations, rewards, dict.fromkeys(names, terminated), dict.fromkeys(names, truncated), infos
 
     def _held(self, problems: ProblemBatch) -> ProblemBatch:
-        """What the agents hold: one snapshot for all, or under loss one for each. Copied out of the buffers."""
+        """What the agents hold, copied: one snapshot for all, or under loss one for each."""
         held = problems if self.settings.loss == 0.0 else self._env.views()
         return held.take(np.arange(len(held)))
 

@@ -20,13 +20,17 @@ from hippomat_sim.learn.settings import EnvSettings, WorldSettings
 from hippomat_sim.learn.world_pool import WorldPool, make_pool
 
 ENV_NAME = "hippomat-allocation"
-_SEEDS_PER_WORKER = 100_003  # RLlib seeds env i of worker w with seed + w + i: two workers would play the same
+_SEEDS_PER_WORKER = (
+    100_003  # RLlib seeds env i of worker w with seed + w + i: two workers would play the same
+)
 
 
 class AllocationMultiAgentEnv(MultiAgentEnv):  # type: ignore[misc]
     """AllocationParallelEnv with the key "__all__" that RLlib asks for."""
 
-    def __init__(self, settings: EnvSettings, seed: int = 0, team_reward: bool = False, worker: int = 0) -> None:
+    def __init__(
+        self, settings: EnvSettings, seed: int = 0, team_reward: bool = False, worker: int = 0
+    ) -> None:
         super().__init__()
         self._seed_offset = worker * _SEEDS_PER_WORKER
         self._env = AllocationParallelEnv(settings, _pool(settings.world), seed + self._seed_offset)

@@ -21,15 +21,16 @@ from hippomat_sim.learn.networks import PolicyInputs, PolicyNetwork, make_networ
 from hippomat_sim.learn.problems import ProblemBatch
 
 _ARRAYS = tuple(field.name for field in fields(ProblemBatch))
+MAKE_NETWORK = "hippomat"  # RLlib adds keys of its own beside it
 Observed = Mapping[str, Tensor]  # parallel_env.Observation, stacked: (B, ...)
 Weights = dict[str, Tensor]
 
 
 class AllocationModule(TorchRLModule, ValueFunctionAPI):  # type: ignore[misc]
-    """model_config: the arguments of make_network. The network's own masks hold: no action is invalid."""
+    """model_config[MAKE_NETWORK]: the arguments of make_network. The network's own masks hold."""
 
     def setup(self) -> None:
-        self.network = make_network(**self.model_config)
+        self.network = make_network(**self.model_config[MAKE_NETWORK])
 
     def _forward(self, batch: dict[str, Any], **_: Any) -> dict[str, Tensor]:
         logits, values = own_outputs(self.network, batch[Columns.OBS])
@@ -41,13 +42,13 @@ class AllocationModule(TorchRLModule, ValueFunctionAPI):  # type: ignore[misc]
 
 
 def own_outputs(network: PolicyNetwork, observed: Observed) -> tuple[Tensor, Tensor]:
-    """Logits (B, M + 1) and values (B,) of the agents that observed. Agents of one snapshot share its cost."""
+    """Logits (B, M + 1) and values (B,) of the agents that observed. Agents of one snapshot share it."""
     inputs, which = distinct_inputs(observed)
     return network.evaluate_own(inputs, which, observed["self_index"].long())
 
 
 def distinct_inputs(observed: Observed) -> tuple[PolicyInputs, Tensor]:
-    """The U different snapshots among B observations, and for every observation which of them it holds (B,)."""
+    """The U different snapshots among B observations, and for each observation which one it holds (B,)."""
     arrays = [observed[name].contiguous() for name in _ARRAYS]
     bytes_ = torch.cat([array.flatten(1).view(torch.uint8) for array in arrays], dim=1)
     kinds, which = torch.unique(bytes_, dim=0, return_inverse=True)
