@@ -12,7 +12,7 @@ from hippomat_core.allocation.quantise import FULL_SCALE
 from hippomat_core.errors import ConfigError
 
 FRACTION = 1.0 / FULL_SCALE  # cost in c_max = (code x FRACTION)^2
-FEATURES = 10  # of an edge, in the order of graphsage_kernels.edge_features
+FEATURES = 10  # of an edge, in the order of edge_features
 NEAREST = 3  # the scale is the mean of every row's so many smallest costs
 LEAST_SCALE = 1e-4  # of c_max: below the cost of code 3, where rounding is all there is
 COST_SPAN, DIFFERENCE_SPAN, RATIO_SPAN, AGE_SPAN_ROUNDS = (
@@ -31,13 +31,14 @@ CLOSED_EXTRA = 4.0  # in the scale: a task out of reach costs so much more than 
 
 @dataclass(frozen=True, slots=True)
 class GraphSageSettings:
-    """Temperatures count in the snapshot's scale (the kernels' cost_scale)."""
+    """Temperatures count in the snapshot's scale (graphsage_edges)."""
 
     hops: int = 5  # rounds of message passing between the edges of a row and of a column
     width: int = 16  # of an edge's embedding
     hidden: int = 32  # of the edge net and of every hop's residual net
     heads: int = 4  # attention heads of a hop
     head: bool = True  # annealed potentials, from the learned prices; False: the learned scores alone
+    score_in_head: bool = False  # the learned scores lower the costs that the head sees
     head_steps: int = 48
     tau_first: float = 1.0
     tau_last: float = 0.001

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors.numpy import load
 
+from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.allocation.port import Decision, Problem, actions_one_by_one
 from hippomat_core.errors import ConfigError
 
@@ -53,10 +53,7 @@ def expected_shapes(tasks: int, policy_input: int = EMBEDDING) -> dict[str, tupl
 
 def load_weights(policy: bytes, robots: int, tasks: int) -> dict[str, Array]:
     """Tensors with a leading axis of 1 (shared) or N (one per robot); ConfigError says what is wrong."""
-    try:
-        tensors = load(policy)
-    except Exception as error:
-        raise ConfigError(f"policy file is not valid safetensors ({error}); export it again") from None
+    tensors = read_policy(policy, "paper_network").tensors
     if set(tensors) != set(KEYS):
         missing, extra = sorted(set(KEYS) - set(tensors)), sorted(set(tensors) - set(KEYS))
         raise ConfigError(f"policy file is not the paper's network: missing {missing}, unknown {extra}")

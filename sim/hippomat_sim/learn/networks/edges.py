@@ -1,6 +1,6 @@
 """The agent-task edges of a snapshot: which take part, their costs in the snapshot's scale, their features.
 
-The same numbers, computed in the same order, as the core's graphsage_kernels: a test holds them equal.
+The same numbers, computed in the same order, as the core's graphsage_edges: a test holds them equal.
 """
 
 from __future__ import annotations

@@ -6,7 +6,8 @@ Every edge (i, j) has an embedding. A hop lets it hear its row and its column th
 
 - its score: without the head, the policy is a softmax over score - cost (the learned part alone);
 - a price and a weight: pooled over a task's agents, the task's price from which the head begins (head.py).
-  The head alone decides where it ends, so a learned price saves steps and cannot lead it astray.
+  The head alone decides where it ends, so a learned price saves steps and cannot lead it astray. With
+  score_in_head the scores count in the head too.
 
 All three begin at zero: untrained, the network is the pure head. Costs count in the snapshot's own scale, so
 the fleet's c_max does not matter.
@@ -83,8 +84,14 @@ class GraphSageNetwork(PolicyNetwork):
     def evaluate(self, inputs: PolicyInputs) -> tuple[Tensor, Tensor]:
         edges = edges_of(inputs, self.settings)
         e = self.embeddings(edges)
-        logits = self._with_head(edges, e, self.settings) if self.settings.head else self._alone(edges, e)
-        return logits, self._values(edges, e)
+        return self._logits(edges, e), self._values(edges, e)
+
+    def forward(self, inputs: PolicyInputs) -> Tensor:
+        edges = edges_of(inputs, self.settings)
+        return self._logits(edges, self.embeddings(edges))
+
+    def _logits(self, edges: Edges, e: Tensor) -> Tensor:
+        return self._with_head(edges, e, self.settings) if self.settings.head else self._alone(edges, e)
 
     def evaluate_both(self, inputs: PolicyInputs, head: GraphSageSettings) -> tuple[Tensor, Tensor]:
         """Logits of the learned part alone and with a head of these settings; what they share runs once."""
@@ -101,7 +108,8 @@ class GraphSageNetwork(PolicyNetwork):
         out = self.out(e)
         weights = torch.softmax(out[..., 2].masked_fill(~edges.valid, NOTHING), dim=1)
         first_prices = PRICE_SIZE * (weights * out[..., 1]).sum(dim=1)
-        offers = net_offers(edges, first_prices, settings).masked_fill(~edges.allowed, NOTHING)
+        benefit = out[..., 0] - edges.cost if settings.score_in_head else -edges.cost
+        offers = net_offers(edges, benefit, first_prices, settings).masked_fill(~edges.allowed, NOTHING)
         behind = (offers - offers.amax(dim=2, keepdim=True)) / settings.head_temperature
         return masked(behind.clamp(min=-LOGIT_SPAN).to(e.dtype), edges.allowed)
 
@@ -110,10 +118,8 @@ class GraphSageNetwork(PolicyNetwork):
         valid = edges.valid[..., None].to(e.dtype)
         whole = (e * valid).sum((1, 2)) / valid.sum((1, 2)).clamp(min=1.0)
         row = (e * valid).sum(2) / valid.sum(2).clamp(min=1.0)
-        near = (
-            torch.softmax((-edges.cost).to(e.dtype).masked_fill(~edges.valid, NOTHING), dim=2)[..., None]
-            * valid
-        )
+        nearness = (-edges.cost).to(e.dtype).masked_fill(~edges.valid, NOTHING)
+        near = torch.softmax(nearness, dim=2)[..., None] * valid
         seen = torch.cat([row, (e * near).sum(2), whole[:, None].expand_as(row)], dim=2)
         value: Tensor = self.value_out(torch.relu(self.value_in(seen)))
         return value[..., 0]
