@@ -47,7 +47,7 @@ class FleetConfig:
     seed: int = _number(1, 0, 2**31 - 1)
     round_s: float = _number(0.1, 0.05, 1.0)
     c_max_s: float = _number(0.0, 0.0, 10_000.0)  # 0: derived from the map
-    allocator: str = _choice("hungarian", *ALLOCATORS)
+    allocator: str = _choice("graphsage", *ALLOCATORS)
     policy: str = ""  # path of a safetensors file, for POLICY_ALLOCATORS; graphsage has a default
     policy_per_robot: bool = False  # weights may differ between robots and stay out of the digest
     turnover: str = _choice("on_claim", "on_claim", "on_completion", "never")

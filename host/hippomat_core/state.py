@@ -5,12 +5,12 @@ Knows no port and no clock; what the state means for the next event is decided i
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from hippomat_core.allocation.factory import make_allocator
+from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.config import Config
 from hippomat_core.control.guard import Points
 from hippomat_core.control.nav_state import Navigator, NavOutcome
@@ -109,7 +109,7 @@ def initial_state(config: Config, policy: bytes | None = None) -> State:
     allocator = make_allocator(fleet.allocator, policy, fleet.size, fleet.task_slots)
     return State(
         config=config,
-        policy_hash=hashlib.sha256(policy).digest() if policy is not None else b"",
+        policy_hash=bytes.fromhex(read_policy(policy).hash) if policy is not None else b"",
         fleet=fleet_state.initial(config, allocator),
         odometry=Odometry(robot.start_x_m, robot.start_y_m, robot.start_yaw_rad),
     )

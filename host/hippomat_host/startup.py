@@ -6,7 +6,6 @@ Decides the order of starting and stopping. What the daemon does meanwhile is in
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import shlex
 import sys
 import time
@@ -14,6 +13,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
@@ -144,7 +144,7 @@ def allocator_line(fleet: FleetConfig, policy: bytes | None) -> str:
     """How this robot decides, for the screen."""
     if policy is None:
         return f"{fleet.allocator} on the shared snapshot (no trained policy is in use)"
-    line = f"{fleet.allocator} with {policy_name(fleet)}, SHA-256 {hashlib.sha256(policy).hexdigest()[:12]}"
+    line = f"{fleet.allocator} with {policy_name(fleet)}, hash {read_policy(policy).hash[:12]}"
     if fleet.policy_per_robot:
         line += "; weights are not compared with the other robots' (policy_per_robot)"
     return line

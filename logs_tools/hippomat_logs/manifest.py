@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import hippomat_core
+from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.config import Config, config_from_dict, config_to_dict
 from hippomat_core.errors import LogError
 from hippomat_core.wire.frames import PROTOCOL_VERSION
@@ -101,7 +102,7 @@ def run_manifest(
         "host": platform.node(),
         "config": json.dumps(config_to_dict(config), sort_keys=True),
         "map_hash": map_hash.hex(),
-        "policy_hash": hashlib.sha256(policy).hexdigest() if policy else "",
+        "policy_hash": read_policy(policy).hash if policy else "",
         "fingerprint": json.dumps(fingerprint(), sort_keys=True),
         **(extra or {}),
     }

@@ -6,7 +6,6 @@ version recorded with other definitions.
 
 from __future__ import annotations
 
-import hashlib
 import mmap
 import zlib
 from collections.abc import Collection, Iterator, Sequence
@@ -16,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.config import Config
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.manifest import config_of
@@ -206,7 +206,7 @@ def read_contents(path: Path, store: MessageStore) -> tuple[Contents, int]:
                 f"{path}: {channel.type_name} has other fields in this log, recorded by hippomat "
                 f"{contents.manifest.get('hippomat', '?')}: read it with that version"
             )
-    policy = hashlib.sha256(contents.policy).hexdigest() if contents.policy else ""
+    policy = read_policy(contents.policy).hash if contents.policy else ""
     if policy != contents.manifest.get("policy_hash", ""):
         raise LogError(f"{path}: holds another policy than its manifest names, or none")
     return contents, records

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hippomat_core.allocation.port import Allocator
 from hippomat_core.allocation.quantise import quantise
 from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.fleet.claims import OwnClaim
@@ -69,6 +70,7 @@ class Lab:
     quoted: dict[tuple[int, int, int], dict[int, ClaimId]] = field(default_factory=dict)
     watchful: bool = False  # check at every frame heard, not only at round ends
     wire: bool = False  # frames travel as bytes
+    allocator: Allocator | None = None  # of all robots; None: made by the name in the config
 
     def __post_init__(self) -> None:
         self.chance = random.Random(self.seed)
@@ -117,7 +119,7 @@ class Lab:
         phase_ns = self.chance.randrange(100_000_000)
         clock_ns = self.chance.randrange(10**12)
         config = Config(fleet=self.config, robot=RobotConfig(id=k))
-        return Robot(k, phase_ns, clock_ns, initial(config), 0.4 + 0.7 * k, 2.5, up=False)
+        return Robot(k, phase_ns, clock_ns, initial(config, self.allocator), 0.4 + 0.7 * k, 2.5, up=False)
 
     def _later(self, at_ns: int, action: Callable[[], None]) -> None:
         heapq.heappush(self.queue, (at_ns, next(self.order), action))
@@ -130,7 +132,7 @@ class Lab:
     def _boot(self, robot: Robot) -> None:
         config = Config(fleet=self.config, robot=RobotConfig(id=robot.id))
         stamp_ns = self.now_ns + robot.clock_ns
-        fleet = started(initial(config), stamp_ns)
+        fleet = started(initial(config, self.allocator), stamp_ns)
         robot.fleet, _ = with_map(fleet, stamp_ns, SITES, DIGEST)
         robot.up, robot.boot, robot.sequence = True, robot.boot + 1, 0
         life = robot.life

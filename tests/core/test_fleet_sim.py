@@ -5,6 +5,10 @@ from __future__ import annotations
 import pytest
 from fleet_lab import SECOND, Lab, draws, fleet_config
 
+from hippomat_core.allocation.factory import make_allocator
+from hippomat_core.config import FleetConfig
+from hippomat_logs.policy_files import policy_of
+
 
 def test_a_quiet_air_gives_every_robot_work_without_one_conflict_lost():
     lab = Lab(fleet_config(turnover="on_completion"), seed=1, wire=True)
@@ -27,6 +31,17 @@ def test_tasks_are_served_steadily_and_once_under_loss(turnover, loss):
     for second in range(8, 24, 4):  # no pause longer than four seconds
         times = [at_ns for times in lab.completed.values() for at_ns, _ in times]
         assert any(second <= at_ns / SECOND < second + 4 for at_ns in times)
+
+
+@pytest.mark.parametrize("name", ["graphsage", "look_ahead", "auction"])
+def test_a_fleet_serves_its_tasks_once_whichever_way_it_chooses_them(name):
+    policy = policy_of(FleetConfig(allocator=name))
+    allocator = make_allocator(name, policy, 5, 6)
+    lab = Lab(fleet_config(5, 6, allocator=name), seed=2, loss=0.2, allocator=allocator)
+    lab.run(16)
+    assert not lab.twice_completed()
+    assert len(lab.served_by) == 5
+    assert sum(lab.served_by.values()) >= 15
 
 
 def test_few_tasks_for_many_robots_are_served_once_each_under_loss():
