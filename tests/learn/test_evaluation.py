@@ -19,8 +19,10 @@ from hippomat_sim.learn.evaluation import (
     resolve,
 )
 from hippomat_sim.learn.instances import Instances, draw_instances
-from hippomat_sim.learn.methods import Actions, AllocatorMethod, Fleet, Method, Sources, distinct, make_method
+from hippomat_sim.learn.method_registry import Sources, make_method
+from hippomat_sim.learn.methods import Actions, AllocatorMethod, Method, distinct
 from hippomat_sim.learn.problems import ProblemBatch
+from hippomat_sim.learn.runs import Fleet
 from hippomat_sim.learn.settings import EnvSettings
 from hippomat_sim.learn.world_pool import WorldPool, make_pool
 

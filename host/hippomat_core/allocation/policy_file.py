@@ -20,7 +20,7 @@ from safetensors.numpy import load, save
 from hippomat_core.errors import ConfigError
 
 FORMAT = "hippomat-policy-1"
-NETWORKS = ("graphsage", "paper_network")
+NETWORKS = ("graphsage", "paper_network", "gcn")  # no robot runs gcn: it is for comparison
 
 Array = NDArray[np.float32]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from hippomat_sim.learn.methods import METHODS
+from hippomat_sim.learn.method_registry import METHODS
 
 ONE_SHOT, CONTINUOUS, LOSS, LOSS_CONTINUOUS = "one_shot", "continuous", "loss", "loss_continuous"
 PERMUTED, TIME = "permuted", "time"
@@ -22,7 +22,7 @@ CONTINUOUS_LOSSES = (0.3, 0.5)
 LARGE = ((50, 50), (50, 60))  # agents, tasks
 CONTINUOUS_TASKS = 30  # the paper's number of active tasks
 
-UNDER_LOSS = ("hungarian", "greedy", "nearest", "graphsage", "graphsage_untrained")
+UNDER_LOSS = ("hungarian", "greedy", "nearest", "graphsage")
 UNDER_LOSS_CONTINUOUS = ("hungarian", "look_ahead", "graphsage", "graphsage_look_ahead")
 PERMUTED_SLOTS = ("hungarian", "nearest", "fixed_slot", "graphsage", "paper", "mappo_gcn", "no_neighbours")
 REFERENCE = "hungarian"  # what the others are compared with; measured wherever anything is
@@ -122,7 +122,7 @@ class Plan:
             for loss in CONTINUOUS_LOSSES if self.loss is None else (self.loss,):
                 for relay in (True, False):
                     for name in self._named(UNDER_LOSS_CONTINUOUS):
-                        copies = max(2, round(self._copies(name, agents) / 2))
+                        copies = max(2, round(self._copies(name, agents) / 4))
                         yield Cell(LOSS_CONTINUOUS, name, agents, CONTINUOUS_TASKS, copies, loss, relay)
 
     def _permuted(self) -> Iterator[Cell]:

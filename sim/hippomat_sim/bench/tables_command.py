@@ -22,18 +22,20 @@ from hippomat_sim.bench.tables_files import as_csv, as_json, as_markdown
 from hippomat_sim.bench.tables_goals import goals_of, verdict
 from hippomat_sim.bench.tables_layout import Book, Section
 from hippomat_sim.bench.tables_preface import TITLE, preface
-from hippomat_sim.bench.tables_run import TEST_SPLIT, Bench, Results
+from hippomat_sim.bench.tables_run import TEST_SPLIT, Bench, Results, fleet_of
 from hippomat_sim.bench.tables_run import run as measure_all
 from hippomat_sim.bench.tables_sections import sections_of
 from hippomat_sim.bench.tables_show import show
 from hippomat_sim.bench.tables_store import STORE_NAME, Store
-from hippomat_sim.learn.methods import METHODS, Sources
+from hippomat_sim.learn.method_registry import METHODS, Sources, run_of
 from hippomat_sim.learn.pool_bar import make_pool_shown
+from hippomat_sim.learn.runs import missing
 from hippomat_sim.learn.settings import WorldSettings
 
 MISSED = 2
 DEFAULT_OUT, DEFAULT_RUNS = Path("build/tables"), Path("build/runs")
 MARKDOWN, CSV, JSON = "results.md", "results.csv", "results.json"
+TRAIN = "hippomat-bench tables --train"
 MOST_AGENTS = 64  # the air's limit
 
 
@@ -50,12 +52,25 @@ class Output:
 def run(options: argparse.Namespace) -> int:
     """The exit code: MISSED when a judged goal was."""
     plan = _plan(options)
+    if options.train is not None and options.train < 0:
+        raise ConfigError(f"--train {options.train}: must be above 0, or be left out")
     for option, value in (("--jobs", options.jobs), ("--worlds", options.worlds)):
         if value < 1:
             raise ConfigError(f"{option} {value}: must be at least 1")
     world = WorldSettings(worlds=options.worlds)
     bench = Bench(world, Sources(options.runs, options.policy), options.seed)
+    if options.train is not None:
+        _train(plan, options.runs, options.train or None)
     return report(plan, bench, Output(options.out, options.resume, options.json, options.jobs))
+
+
+def _train(plan: Plan, runs: Path, agent_steps: int | None) -> None:
+    """Trains what the plan's methods miss."""
+    from hippomat_sim.learn.train_missing import train_missing  # here: only training needs torch
+
+    wanted = [run_of(cell.method, fleet_of(cell)) for cell in plan.cells() if cell.method != kinds.OPTIMUM]
+    console = Console(file=sys.stderr)
+    train_missing(missing([run for run in wanted if run is not None], runs), runs, agent_steps, console)
 
 
 def report(plan: Plan, bench: Bench, output: Output) -> int:
@@ -65,10 +80,10 @@ def report(plan: Plan, bench: Bench, output: Output) -> int:
     results = _measure(plan, bench, Store(output.directory, fresh=not output.resume), output.jobs)
     book = _book(results)
     goals = goals_of(book, plan.episodes)
-    missing = _missing(results)
-    sections = sections_of(book, goals, missing)
+    untrained = _missing(results)
+    sections = sections_of(book, goals, untrained)
     written = _write(output.directory, preface(plan, bench, results), sections, book)
-    whole = as_json(_settings(plan, results), book.figures, goals, missing)
+    whole = as_json(_settings(plan, results), book.figures, goals, untrained)
     (output.directory / JSON).write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
     met = not any(goal.missed for goal in goals)
     if output.json:
@@ -136,13 +151,12 @@ def _book(results: Results) -> Book:
 
 
 def _missing(results: Results) -> dict[str, str]:
-    """Method -> what its user has to run, for all sizes at once."""
-    found: dict[str, list[str]] = {}
-    for cell, said in results.missing.items():
-        lines = found.setdefault(cell.method, [])
-        if said not in lines:
-            lines.append(said)
-    return {method: "; ".join(lines) for method, lines in found.items()}
+    """Method -> the sizes that it was not trained for, and what to run."""
+    sizes: dict[str, dict[str, None]] = {}
+    for cell in results.missing:
+        turnover = {"never": "fixed", "on_claim": "continuous"}[fleet_of(cell).turnover]
+        sizes.setdefault(cell.method, {})[f"{turnover} {cell.agents} x {cell.tasks}"] = None
+    return {method: f"{', '.join(found)}: run `{TRAIN}`" for method, found in sizes.items()}
 
 
 def _settings(plan: Plan, results: Results) -> dict[str, object]:
@@ -189,6 +203,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--runs", type=Path, default=DEFAULT_RUNS, metavar="DIR", help=text)
     text = f"for {MARKDOWN}, {CSV}, {JSON}, pictures and {STORE_NAME} (default {DEFAULT_OUT})"
     add("--out", type=Path, default=DEFAULT_OUT, metavar="DIR", help=text)
+    text = "first train what is missing in --runs, each run for N agent steps (default: its preset's)"
+    add("--train", type=int, nargs="?", const=0, metavar="N", help=text)
     add("--resume", action="store_true", help=f"measure only what {STORE_NAME} in --out does not hold yet")
     cores = os.cpu_count() or 1
     add("--jobs", type=int, default=cores, metavar="K", help=f"processes (default {cores}, the cores)")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from hippomat_sim.bench.tables_figures import Figure
 from hippomat_sim.bench.tables_stats import Estimate
-from hippomat_sim.learn.methods import METHODS
+from hippomat_sim.learn.method_registry import METHODS
 
 NO_FIGURE = "-"
 NOT_TRAINED = "not trained"

@@ -24,7 +24,9 @@ from hippomat_sim.learn.evaluation import (
     play_permuted,
 )
 from hippomat_sim.learn.instances import Instances, draw_instances
-from hippomat_sim.learn.methods import METHODS, Fleet, Method, NotTrained, Sources, make_method
+from hippomat_sim.learn.method_registry import METHODS, NotTrained, Sources, make_method
+from hippomat_sim.learn.methods import Method
+from hippomat_sim.learn.runs import Fleet
 from hippomat_sim.learn.settings import EnvSettings, WorldSettings
 from hippomat_sim.learn.world_pool import WorldPool, make_pool
 
@@ -57,6 +59,11 @@ def turnover_of(cell: Cell) -> str:
     return "on_claim" if cell.kind in (kinds.CONTINUOUS, kinds.LOSS_CONTINUOUS) else "never"
 
 
+def fleet_of(cell: Cell) -> Fleet:
+    """What the cell's method has to work for."""
+    return Fleet(cell.agents, cell.tasks, turnover_of(cell))
+
+
 def environment_of(cell: Cell, world: WorldSettings) -> EnvSettings:
     """The learning environment that a cell is measured in."""
     return EnvSettings(
@@ -75,7 +82,7 @@ def measure(cell: Cell, bench: Bench, pool: WorldPool) -> Figures:
     """The figures of one cell; NotTrained where its weights are missing."""
     if cell.method == kinds.OPTIMUM:
         return play_optimum(_instances(cell, bench, pool))
-    method = make_method(cell.method, Fleet(cell.agents, cell.tasks, turnover_of(cell)), bench.sources)
+    method = make_method(cell.method, fleet_of(cell), bench.sources)
     if cell.kind == kinds.ONE_SHOT:
         return play_one_shot(method, _instances(cell, bench, pool))
     if cell.kind == kinds.PERMUTED:
@@ -134,9 +141,8 @@ def _key(cell: Cell, bench: Bench, pool: WorldPool, results: Results) -> str | N
     """None where the method's weights are missing, which is noted."""
     fingerprint = ""
     if cell.method != kinds.OPTIMUM:
-        fleet = Fleet(cell.agents, cell.tasks, turnover_of(cell))
         try:
-            fingerprint = make_method(cell.method, fleet, bench.sources).fingerprint
+            fingerprint = make_method(cell.method, fleet_of(cell), bench.sources).fingerprint
         except NotTrained as error:
             results.missing[cell] = str(error)
             return None

@@ -17,11 +17,11 @@ from hippomat_sim.bench.tables_layout import (
     size_name,
 )
 from hippomat_sim.bench.tables_paper_section import paper_section
-from hippomat_sim.learn.methods import METHODS
+from hippomat_sim.learn.method_registry import METHODS
 
-SWEEP = "loss.png"
-FIXED_PLOT, CONTINUOUS_PLOT = "fixed.png", "continuous.png"
-_LEARNING = ("graphsage", "graphsage_untrained", "graphsage_no_head")
+SWEEP = "results_loss.png"
+FIXED_PLOT, CONTINUOUS_PLOT = "results_fixed.png", "results_continuous.png"
+_LEARNING = ("graphsage", "graphsage_untrained", "graphsage_no_head", "learned_part")
 
 
 def sections_of(book: Book, goals: Sequence[Goal], missing: Mapping[str, str]) -> list[Section]:
@@ -77,8 +77,6 @@ def _fixed(book: Book) -> Section:
 
 
 def _learning(book: Book) -> Section:
-    if "graphsage" not in METHODS:
-        return Section("", "")
     sizes = _square(book)
     text = (
         "The head alone, untrained, beside what training makes of it, and the learned part without the head. "

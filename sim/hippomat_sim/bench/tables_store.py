@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.resources import files
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from hippomat_sim.learn.evaluation import Figures
 STORE_NAME = "cells.jsonl"
 # Whatever is changed here may change a figure.
 _SOURCES = (("hippomat_core", "allocation"), ("hippomat_sim", "learn"), ("hippomat_sim", "learn/networks"))
-_NO_SOURCE = ("cli", "ippo", "rllib", "curves", "checkpoint", "export", "train", "rollout", "parallel_env")
+_NO_SOURCE = ("cli", "ippo", "ray", "rllib", "curves", "checkpoint", "export", "train", "rollout", "parallel")
 
 
 class Store:
@@ -75,16 +74,8 @@ def code_hash() -> str:
     """Of the sources of allocators, environment and evaluation."""
     digest = hashlib.sha256()
     for package, directory in _SOURCES:
-        for source in sorted(_python_files(files(package).joinpath(directory)), key=lambda file: file.name):
-            digest.update(source.name.encode() + source.read_bytes())
+        sources = files(package).joinpath(directory).iterdir()
+        for source in sorted(sources, key=lambda file: file.name):
+            if source.name.endswith(".py") and not source.name.startswith(_NO_SOURCE):
+                digest.update(source.name.encode() + source.read_bytes())
     return digest.hexdigest()[:16]
-
-
-def _python_files(directory: Traversable) -> Iterable[Traversable]:
-    if not directory.is_dir():
-        return ()
-    return (
-        file
-        for file in directory.iterdir()
-        if file.name.endswith(".py") and not file.name.startswith(_NO_SOURCE)
-    )
