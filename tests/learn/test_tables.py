@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 from world_samples import SMALL
 
-from hippomat_core.errors import ConfigError
 from hippomat_sim.bench import tables_cells as kinds
 from hippomat_sim.bench.cli import main
-from hippomat_sim.bench.tables_cells import Cell, Plan
+from hippomat_sim.bench.tables_cells import Plan
 from hippomat_sim.bench.tables_command import Output, report
 from hippomat_sim.bench.tables_figures import METRICS, Figure, figures_of
 from hippomat_sim.bench.tables_files import CSV_COLUMNS, as_csv, as_markdown
@@ -25,8 +24,9 @@ from hippomat_sim.bench.tables_paper import CONTINUOUS_COST, FIXED_COST, FIXED_T
 from hippomat_sim.bench.tables_run import TEST_SPLIT, Bench, Results, run
 from hippomat_sim.bench.tables_sections import sections_of
 from hippomat_sim.bench.tables_stats import Estimate
-from hippomat_sim.bench.tables_store import STORE_NAME, Store, code_hash, key_of
-from hippomat_sim.learn.method_registry import METHODS, Sources
+from hippomat_sim.bench.tables_store import STORE_NAME, Store
+from hippomat_sim.learn.method_registry import METHODS, Sources, run_of
+from hippomat_sim.learn.runs import Fleet, Run, missing
 from hippomat_sim.learn.world_pool import WorldPool, make_pool
 
 WORLD = replace(SMALL, sites=48, starts=24)
@@ -58,47 +58,6 @@ def test_a_plan_measures_every_cell_once_and_what_is_compared_with() -> None:
 def test_slow_methods_get_the_first_of_the_same_instances() -> None:
     counts = {cell.method: cell.count for cell in Plan(agents=(5,)).cells() if cell.kind == kinds.ONE_SHOT}
     assert counts["ipso_g"] == round(counts["greedy"] * METHODS["ipso_g"].share) < counts["greedy"]
-
-
-# --- the store ---
-
-CELL = Cell(kinds.ONE_SHOT, "greedy", 3, 3, 2)
-FIGURES = {"single": np.array([3, 2]), "rounds": np.array([1, 2])}
-
-
-def test_what_was_stored_is_there_again(tmp_path: Path) -> None:
-    key = key_of(CELL, {"seed": 1})
-    Store(tmp_path, fresh=True).put(key, FIGURES)
-    found = Store(tmp_path, fresh=False).get(key)
-    assert found is not None
-    assert {name: values.tolist() for name, values in found.items()} == {"single": [3, 2], "rounds": [1, 2]}
-    assert Store(tmp_path, fresh=False).get(key_of(CELL, {"seed": 2})) is None
-    assert Store(tmp_path, fresh=True).get(key) is None
-
-
-def test_a_line_that_was_cut_off_is_measured_again(tmp_path: Path) -> None:
-    store = Store(tmp_path, fresh=True)
-    keys = [key_of(CELL, {"seed": seed}) for seed in range(3)]
-    for key in keys:
-        store.put(key, FIGURES)
-    path = tmp_path / STORE_NAME
-    path.write_bytes(path.read_bytes()[:-20])
-    again = Store(tmp_path, fresh=False)
-    assert [again.get(key) is not None for key in keys] == [True, True, False]
-    again.put(keys[2], FIGURES)
-    assert all(Store(tmp_path, fresh=False).get(key) is not None for key in keys)
-
-
-@pytest.mark.parametrize("line", ["{}", "[]", "nonsense", '{"key": {}, "figures": {"single": ["x"]}}'])
-def test_a_damaged_store_is_refused_by_line(tmp_path: Path, line: str) -> None:
-    (tmp_path / STORE_NAME).write_text(line + "\n", encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"cells\.jsonl:1 is damaged"):
-        Store(tmp_path, fresh=False)
-
-
-def test_the_code_is_part_of_the_key() -> None:
-    assert len(code_hash()) == 16
-    assert code_hash() == code_hash()
 
 
 # --- measuring ---
@@ -164,7 +123,7 @@ def test_every_measurement_gives_all_of_its_metrics(results: Results) -> None:
 
 def test_the_report_has_a_chapter_for_everything_measured(results: Results) -> None:
     book = Book(figures_of(results), frozenset({(kinds.ONE_SHOT, "auction", 4, 4)}))
-    sections = sections_of(book, goals_of(book, 20), {"auction": "run the auction's training"})
+    sections = sections_of(book, goals_of(book, 20, {}), {"auction": "run the auction's training"})
     text = as_markdown("Results", "preface", sections)
     for title in (
         "Goals",
@@ -211,9 +170,8 @@ def named(goals: list[Goal], name: str) -> Goal:
 
 def test_goals_are_judged_where_enough_was_measured() -> None:
     name = "fixed, ours, N = M = 5: CF1"
-    good, bad, few = (
-        goals_of(book_with(99.6), 1000), goals_of(book_with(99.4), 1000), goals_of(book_with(99.4), 10)
-    )  # fmt: skip
+    good, bad = goals_of(book_with(99.6), 1000, {}), goals_of(book_with(99.4), 1000, {})
+    few = goals_of(book_with(99.4), 10, {})
     assert named(good, name).met
     assert named(bad, name).missed
     assert not named(few, name).missed
@@ -221,6 +179,41 @@ def test_goals_are_judged_where_enough_was_measured() -> None:
     assert named(good, "fixed, ours, N = M = 10: CF1").not_judged == "not measured"
     assert verdict(good).startswith("all 1 judged goals met")
     assert verdict(bad).startswith(f"missed: {name}")
+
+
+def test_the_policys_own_manifest_says_how_long_its_training_took() -> None:
+    manifest = {
+        "metrics": {"collect_s": 100.0, "learn_s": 500.0, "agent_steps": 10_000_000},
+        "training": {"ppo": {"epochs": 3}},
+    }
+    goals = goals_of(Book([]), 1000, manifest)
+    took, learned = named(goals, "training of our policy"), goals[-2]
+    assert (took.value, took.met) == (10.0, True)
+    assert (learned.value, learned.met) == (60_000.0, True)
+    assert "does not say" in named(goals_of(Book([]), 1000, {}), "training of our policy").not_judged
+
+
+def test_runs_are_named_by_preset_and_fleet_and_trained_for_it_alone(tmp_path: Path) -> None:
+    run = run_of("paper", Fleet(4, 4, "never"))
+    assert run is not None
+    assert run.name == "paper_never_4x4"
+    settings = run.settings(agent_steps=1000)
+    assert settings.budget.agent_steps == 1000
+    assert {(one.agents, one.tasks, one.turnover) for one in settings.episodes} == {((4, 4), (4, 4), "never")}
+    assert settings.ppo == Run("paper").settings().ppo  # its own hyper-parameters
+    assert run_of("greedy", Fleet(4, 4, "never")) is None
+    assert missing([run, run], tmp_path) == [run]
+    run.policy(tmp_path).parent.mkdir()
+    run.policy(tmp_path).touch()
+    assert missing([run], tmp_path) == []
+
+
+def test_methods_without_weights_are_listed_and_not_measured(pool: WorldPool, tmp_path: Path) -> None:
+    plan = small_plan(methods=("paper", "mappo_gcn"), parts=("fixed",))
+    bench = Bench(WORLD, Sources(tmp_path / "runs"), 0)
+    results = run(plan, bench, pool, Store(tmp_path, fresh=True), 1, lambda *_: None)
+    assert {cell.method for cell in results.missing} == {"paper", "mappo_gcn"}
+    assert {cell.method for cell in results.figures} == {kinds.OPTIMUM, kinds.REFERENCE}
 
 
 @pytest.mark.parametrize(
@@ -235,6 +228,7 @@ def test_goals_are_judged_where_enough_was_measured() -> None:
         (["--loss", "1"], "--loss 1: must be above 0 and below 1"),
         (["--seed", "-1"], "--seed -1"),
         (["--jobs", "0"], "--jobs 0"),
+        (["--train", "-5"], "--train -5"),
         (["--worlds", "0"], "--worlds 0: must be at least 1"),
     ],
 )

@@ -126,9 +126,11 @@ class Plan:
                         yield Cell(LOSS_CONTINUOUS, name, agents, CONTINUOUS_TASKS, copies, loss, relay)
 
     def _permuted(self) -> Iterator[Cell]:
+        count = max(2, self.episodes // 5)
         for agents in self.sizes(AGENTS):
-            for name in self._named(PERMUTED_SLOTS):
-                yield Cell(PERMUTED, name, agents, agents, max(2, self.episodes // 5))
+            for tasks in dict.fromkeys((agents, CONTINUOUS_TASKS)):
+                for name in self._named(PERMUTED_SLOTS):
+                    yield Cell(PERMUTED, name, agents, tasks, count)
 
     def _time(self) -> Iterator[Cell]:
         for agents in self.sizes(AGENTS):

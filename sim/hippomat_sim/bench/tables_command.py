@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from shutil import copyfile
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -27,12 +28,13 @@ from hippomat_sim.bench.tables_run import run as measure_all
 from hippomat_sim.bench.tables_sections import sections_of
 from hippomat_sim.bench.tables_show import show
 from hippomat_sim.bench.tables_store import STORE_NAME, Store
-from hippomat_sim.learn.method_registry import METHODS, Sources, run_of
+from hippomat_sim.learn.method_registry import METHODS, Sources, policy_manifest, run_of
 from hippomat_sim.learn.pool_bar import make_pool_shown
-from hippomat_sim.learn.runs import missing
+from hippomat_sim.learn.runs import Fleet, Run, missing
 from hippomat_sim.learn.settings import WorldSettings
 
 MISSED = 2
+_SHOWN_RUN = Run("paper", Fleet(10, kinds.CONTINUOUS_TASKS, "on_claim"))  # whose curves the report shows
 DEFAULT_OUT, DEFAULT_RUNS = Path("build/tables"), Path("build/runs")
 MARKDOWN, CSV, JSON = "results.md", "results.csv", "results.json"
 TRAIN = "hippomat-bench tables --train"
@@ -79,9 +81,10 @@ def report(plan: Plan, bench: Bench, output: Output) -> int:
     output.directory.mkdir(parents=True, exist_ok=True)
     results = _measure(plan, bench, Store(output.directory, fresh=not output.resume), output.jobs)
     book = _book(results)
-    goals = goals_of(book, plan.episodes)
-    untrained = _missing(results)
-    sections = sections_of(book, goals, untrained)
+    manifest = policy_manifest(bench.sources)
+    goals = goals_of(book, plan.episodes, manifest)
+    untrained, curves = _missing(results), _curves(bench.sources.runs, output.directory)
+    sections = sections_of(book, goals, untrained, curves)
     written = _write(output.directory, preface(plan, bench, results), sections, book)
     whole = as_json(_settings(plan, results), book.figures, goals, untrained)
     (output.directory / JSON).write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
@@ -159,6 +162,17 @@ def _missing(results: Results) -> dict[str, str]:
     return {method: f"{', '.join(found)}: run `{TRAIN}`" for method, found in sizes.items()}
 
 
+def _curves(runs: Path, directory: Path) -> list[str]:
+    """Copies the curves of the paper's network beside the report; names of those that there are."""
+    found = []
+    for curve in ("reward", "entropy"):
+        source = runs / _SHOWN_RUN.name / f"{curve}.png"
+        if source.is_file():
+            found.append(f"results_paper_{curve}.png")
+            copyfile(source, directory / found[-1])
+    return found
+
+
 def _settings(plan: Plan, results: Results) -> dict[str, object]:
     """For programs: what this run was asked for."""
     return {
@@ -177,8 +191,9 @@ def _write(directory: Path, text: str, sections: Sequence[Section], book: Book) 
     from hippomat_sim.bench.tables_plots import draw  # here, because matplotlib loads slowly
 
     pictures = draw(book, directory)
-    drawn = {picture.name for picture in pictures}
-    kept = [replace(one, plots=[plot for plot in one.plots if plot in drawn]) for one in sections]
+    kept = [
+        replace(one, plots=[plot for plot in one.plots if (directory / plot).exists()]) for one in sections
+    ]
     (directory / MARKDOWN).write_text(as_markdown(TITLE, text, kept), encoding="utf-8")
     (directory / CSV).write_text(as_csv(book.figures), encoding="utf-8")
     return [directory / MARKDOWN, directory / CSV, *pictures]

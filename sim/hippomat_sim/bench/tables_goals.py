@@ -6,8 +6,9 @@ where `upper end` is said: "at least as good" is missed when the interval lies b
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from hippomat_sim.bench import tables_cells as kinds
 from hippomat_sim.bench.tables_layout import Book
@@ -23,6 +24,7 @@ LEAST_CF = 99.5
 MOST_AGENT_S_OVER, MOST_LOOKING_AHEAD = 1.0, -3.0  # % above myopic Hungarian
 RELAYED = {(0.3, 10): 99.5, (0.3, 20): 99.5, (0.3, 30): 99.5, (0.5, 10): 94.0, (0.5, 30): 99.0}
 DECISION_AGENTS, MOST_DECISION_MS = 30, 1.5
+MOST_TRAINING_MIN, LEAST_LEARNED_PER_S, LEAST_ENV_STEPS_PER_S = 15.0, 50_000.0, 250_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +48,28 @@ class Goal:
         return not self.not_judged and not self.met
 
 
-def goals_of(book: Book, episodes: int) -> list[Goal]:
-    """The same ones for every run, judged or not."""
+def goals_of(book: Book, episodes: int, manifest: Mapping[str, Any]) -> list[Goal]:
+    """The same ones for every run, judged or not. manifest: training and metrics of our policy's file."""
     judge = _Judge(book, episodes)
-    return [*_fixed(judge), *_continuous(judge), *_under_loss(judge), judge.decision_time()]
+    allocation = (*_fixed(judge), *_continuous(judge), *_under_loss(judge))
+    return [*allocation, judge.decision_time(), *_training(manifest)]
+
+
+def _training(manifest: Mapping[str, Any]) -> Iterator[Goal]:
+    """From what the policy's file says of its own training, wherever that was."""
+    metrics, settings = manifest.get("metrics", {}), manifest.get("training", {})
+    try:
+        spent_s = metrics["collect_s"] + metrics["learn_s"]
+        learned = metrics["agent_steps"] * settings["ppo"]["epochs"] / metrics["learn_s"]
+        reason = ""
+    except (KeyError, TypeError, ZeroDivisionError):
+        spent_s = learned = float("nan")
+        reason = "the policy's file does not say"
+    yield Goal("training of our policy", spent_s / 60.0, MOST_TRAINING_MIN, False, "min", reason)
+    name = "learner, agent-steps of every pass over a batch"
+    yield Goal(name, learned, LEAST_LEARNED_PER_S, True, "1/s", reason)
+    reason = "printed by `make bench`"
+    yield Goal("environment, N = M = 30", float("nan"), LEAST_ENV_STEPS_PER_S, True, "1/s", reason)
 
 
 def verdict(goals: list[Goal]) -> str:

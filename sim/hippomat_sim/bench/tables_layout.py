@@ -33,6 +33,11 @@ class Section:
     tables: Sequence[Table] = ()
     plots: Sequence[str] = ()
 
+    @property
+    def says_something(self) -> bool:
+        """Pictures alone do; pictures beside tables do not where the tables are empty."""
+        return any(table.rows for table in self.tables) or bool(self.plots and not self.tables)
+
 
 @dataclass(frozen=True, slots=True)
 class Book:

@@ -56,7 +56,10 @@ class Bench:
 
 
 def turnover_of(cell: Cell) -> str:
-    return "on_claim" if cell.kind in (kinds.CONTINUOUS, kinds.LOSS_CONTINUOUS) else "never"
+    """More slots than agents are those of continuous tasks."""
+    continuous = cell.kind in (kinds.CONTINUOUS, kinds.LOSS_CONTINUOUS)
+    permuted = cell.kind == kinds.PERMUTED and cell.tasks != cell.agents
+    return "on_claim" if continuous or permuted else "never"
 
 
 def fleet_of(cell: Cell) -> Fleet:

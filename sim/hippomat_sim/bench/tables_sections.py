@@ -21,11 +21,20 @@ from hippomat_sim.learn.method_registry import METHODS
 
 SWEEP = "results_loss.png"
 FIXED_PLOT, CONTINUOUS_PLOT = "results_fixed.png", "results_continuous.png"
+_CURVES = (
+    "The paper's two figures, mean reward and entropy over training steps, of its own network with its own "
+    "hyper-parameters, continuous tasks, N = 10, M = 30."
+)
 _LEARNING = ("graphsage", "graphsage_untrained", "graphsage_no_head", "learned_part")
 
 
-def sections_of(book: Book, goals: Sequence[Goal], missing: Mapping[str, str]) -> list[Section]:
-    """Chapters with something to say, in order. missing: method -> why it was not measured."""
+def sections_of(
+    book: Book, goals: Sequence[Goal], missing: Mapping[str, str], curves: Sequence[str] = ()
+) -> list[Section]:
+    """Chapters with something to say, in order.
+
+    missing: method -> why it was not measured. curves: pictures of how the paper's network was trained.
+    """
     made = [
         goals_section(goals),
         paper_section(book),
@@ -35,23 +44,28 @@ def sections_of(book: Book, goals: Sequence[Goal], missing: Mapping[str, str]) -
         _under_loss(book),
         _large(book),
         _permuted(book),
+        Section("Training of the paper's network", _CURVES, plots=curves),
         _missing(missing),
     ]
-    return [section for section in made if any(table.rows for table in section.tables)]
+    return [section for section in made if section.says_something]
 
 
 def goals_section(goals: Sequence[Goal]) -> Section:
     """Met, missed, or why it was not judged."""
     rows = []
     for goal in goals:
-        value = NO_FIGURE if goal.value != goal.value else f"{number(goal.value, 2)} {goal.unit}"
+        value = NO_FIGURE if goal.value != goal.value else f"{_sized(goal.value)} {goal.unit}"
         said = goal.not_judged and f"not judged: {goal.not_judged}"
-        required = f"{'>=' if goal.at_least else '<='} {goal.bound:g} {goal.unit}"
+        required = f"{'>=' if goal.at_least else '<='} {goal.bound:,g} {goal.unit}"
         rows.append([goal.name, value, required, said or ("met" if goal.met else "**missed**")])
     text = (
         "Each goal is judged by the value in the tables below, on the same frozen instances for all methods."
     )
     return Section("Goals", text, [Table("Goals", ["goal", "measured", "required", ""], rows)])
+
+
+def _sized(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1000.0 else number(value, 2)
 
 
 def _fixed(book: Book) -> Section:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -114,6 +115,12 @@ def _ours(untrained: bool = False, **changes: bool) -> Callable[[Fleet, Sources]
         return AllocatorMethod(load_graphsage(changed), changed.hash)
 
     return make
+
+
+def policy_manifest(sources: Sources) -> dict[str, Any]:
+    """`training` and `metrics` of our policy's file."""
+    file = read_policy(_our_policy(sources), "graphsage")
+    return {"training": file.training, "metrics": file.metrics}
 
 
 def _our_policy(sources: Sources) -> bytes:
