@@ -63,5 +63,5 @@ def test_a_file_is_read_like_a_preset(tmp_path: Path) -> None:
 
 
 def test_neither_preset_nor_file_lists_the_presets() -> None:
-    with pytest.raises(ConfigError, match="presets: default, mappo_gcn, no_neighbours, paper"):
+    with pytest.raises(ConfigError, match="presets: default, learned_part, mappo_gcn, no_neighbours, paper"):
         load_train_settings("papr")

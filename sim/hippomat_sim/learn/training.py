@@ -89,13 +89,18 @@ class Training:
         return self.clock.agent_steps >= self.settings.budget.agent_steps
 
     def run(self, show: Callable[[Row], None], stop: Callable[[], bool]) -> list[Row]:
-        """Trains until the budget is used up or stop(), then writes a checkpoint; returns all rows so far."""
+        """Trains until the budget is used up or, after an update, stop(); then writes a checkpoint.
+
+        Returns all rows so far.
+        """
         self.folder.mkdir(parents=True, exist_ok=True)
         log = TrainingLog(self.folder, self.clock.update)
         saved_s = time.monotonic()
         try:
-            while not self.done and not stop():
+            stopped = False
+            while not self.done and not stopped:
                 row = self.update()
+                stopped = stop()
                 log.add(row)
                 show(row)
                 if time.monotonic() - saved_s > self.settings.budget.checkpoint_s:
