@@ -8,6 +8,7 @@ from functools import cache
 from itertools import cycle
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.measure import Result, compare
 from hippomat_sim.learn.env import VectorEnv
@@ -20,7 +21,7 @@ COPIES = 256
 
 
 def env_step_fixed() -> Result:
-    """Every agent requests a slot of its own: each step ends an episode and draws the next, the dearest step."""
+    """Every agent requests a slot of its own: each step ends an episode: the dearest step."""
     everyone_its_own = np.arange(1, AGENTS + 1)
     return _env_step("fixed", "never", np.tile(everyone_its_own, (1, COPIES, 1)))
 
@@ -32,9 +33,7 @@ def env_step_continuous() -> Result:
     )
 
 
-def _env_step(
-    name: str, turnover: str, actions: np.ndarray[tuple[int, int, int], np.dtype[np.int64]]
-) -> Result:
+def _env_step(name: str, turnover: str, actions: NDArray[np.int64]) -> Result:
     """Per copy. actions: (K, E, N), over and over."""
     settings = EnvSettings(agents=AGENTS, tasks=TASKS, turnover=turnover)
     many, one = VectorEnv(settings, _pool(), COPIES, 0), AllocationParallelEnv(settings, _pool())

@@ -25,7 +25,8 @@ from hippomat_sim.learn.env_arrays import (
     rules_of,
 )
 from hippomat_sim.learn.env_checks import checked
-from hippomat_sim.learn.env_kernels import advance, observe, reset_copies
+from hippomat_sim.learn.env_kernels import advance
+from hippomat_sim.learn.env_tasks import observe, reset_copies
 from hippomat_sim.learn.instances import vehicle_classes
 from hippomat_sim.learn.problems import ProblemBatch
 from hippomat_sim.learn.settings import EnvSettings
