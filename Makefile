@@ -9,7 +9,7 @@ SOURCES := pyproject.toml constraints.txt
 
 export HIPPOMAT_DATA ?= $(abspath ../shared/data)
 
-.PHONY: demo test lint check bench fuzz firmware-native idf-check format clean
+.PHONY: demo test lint check bench results fuzz firmware-native idf-check format clean
 
 demo: $(VENV)/.sim
 	$(BIN)/hippomat-sim demo
@@ -28,6 +28,13 @@ check: lint test
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m benchmarks
+
+# docs/results.md, its CSV and its pictures: trains what is missing in build/runs (STEPS agent steps each, for one
+# fleet size each), then measures everything. Interrupted, it goes on where it was. A missed goal is no error here.
+STEPS ?= 1000000
+results: $(VENV)/.dev
+	$(BIN)/hippomat-bench tables --train $(STEPS) --resume --out build/tables --runs build/runs || [ $$? -eq 2 ]
+	cp build/tables/results.md build/tables/results.csv build/tables/results_*.png docs/
 
 # 1,000,000 inputs for the firmware's parsers under sanitizers, 1,000,000 for C beside Python (INPUTS=...).
 fuzz: $(VENV)/.dev

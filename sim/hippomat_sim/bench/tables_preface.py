@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Iterator
+from pathlib import Path
 
 from hippomat_sim.bench.tables_cells import Plan
 from hippomat_sim.bench.tables_run import STEP_S, STEPS, WARM_UP_STEPS, Bench, Results
@@ -22,7 +24,7 @@ smallest (cost, id) wins. Continuous tasks run in steps of {step:g} s, {steps} o
 {warm_up}, in {episodes} / N copies.
 
 `x ± h`: h is half the width of the 95 % interval, by bootstrap over the instances ({resamples} resamples,
-the same for every method, so that differences are paired). A decision time is a median."""
+the same for every method, so that differences are paired). A decision time is a median, on {machine}."""
 
 
 def preface(plan: Plan, bench: Bench, results: Results) -> str:
@@ -40,8 +42,19 @@ def preface(plan: Plan, bench: Bench, results: Results) -> str:
         steps=STEPS,
         warm_up=WARM_UP_STEPS,
         resamples=RESAMPLES,
+        machine=_machine(),
     )
     return "\n\n".join([text, *_weights(results)])
+
+
+def _machine() -> str:
+    """The processor's name where the system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.machine())
 
 
 def _weights(results: Results) -> Iterator[str]:

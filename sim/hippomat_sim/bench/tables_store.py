@@ -9,6 +9,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,10 @@ from hippomat_sim.learn.evaluation import Figures
 STORE_NAME = "cells.jsonl"
 # Whatever is changed here may change a figure.
 _SOURCES = (("hippomat_core", "allocation"), ("hippomat_sim", "learn"), ("hippomat_sim", "learn/networks"))
-_NO_SOURCE = ("cli", "ippo", "ray", "rllib", "curves", "checkpoint", "export", "train", "rollout", "parallel")
+_NO_SOURCE = (  # only training reads these
+    *("advantages", "checkpoint", "cli", "curves", "export", "frozen_set", "interrupt", "ippo", "optimal"),
+    *("parallel_env", "pool_bar", "ray", "rllib", "rollout", "runs", "train"),
+)
 
 
 class Store:
@@ -70,6 +74,7 @@ def _text(key: Mapping[str, Any]) -> str:
     return json.dumps(key, sort_keys=True)
 
 
+@lru_cache(maxsize=1)
 def code_hash() -> str:
     """Of the sources of allocators, environment and evaluation."""
     digest = hashlib.sha256()
