@@ -107,7 +107,7 @@ class AllocationParallelEnv(ParallelEnv[str, Observation, int]):  # type: ignore
         terminated, truncated = bool(step.terminated[0]), bool(step.truncated[0])
         infos, seen = self._infos(step), self._held(step.problems)
         if step.final is not None:
-            self._begun, seen, self.agents = seen, step.final.take([0]), []
+            self._begun, seen, self.agents = seen, step.final, []
         observations = self._observations(seen)
         return observations, rewards, dict.fromkeys(names, terminated), dict.fromkeys(names, truncated), infos
 

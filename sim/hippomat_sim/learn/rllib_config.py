@@ -17,7 +17,7 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from hippomat_core.errors import ConfigError
 from hippomat_sim.learn.networks import PolicyNetwork
 from hippomat_sim.learn.parallel_env import agent_name
-from hippomat_sim.learn.rllib_env import ENV_NAME
+from hippomat_sim.learn.rllib_env import ENV_NAME, register
 from hippomat_sim.learn.rllib_module import MAKE_NETWORK, AllocationModule, has_own_weights, module_settings
 from hippomat_sim.learn.rollout import environment_of
 from hippomat_sim.learn.settings import EnvSettings
@@ -48,6 +48,7 @@ def ppo_config(
 ) -> PPOConfig:
     """Everything of a run. runners: processes beside this one that play; 0 = none."""
     _refuse(settings)
+    register()
     environment, ppo = environment_settings(settings), settings.ppo
     episode = settings.episodes[0]
     copies = episode.copies_of(environment.agents, environment.tasks)

@@ -69,4 +69,9 @@ def _made(context: Mapping[str, Any]) -> AllocationMultiAgentEnv:
     )
 
 
-register_env(ENV_NAME, _made)
+def register() -> None:
+    """Makes the name known. Importing does it too; a Ray that is started later has to be told again."""
+    register_env(ENV_NAME, _made)
+
+
+register()

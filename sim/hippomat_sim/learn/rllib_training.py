@@ -118,7 +118,7 @@ class RayTraining:
         self._algorithm.stop()
 
     def _losses(self, learners: dict[str, Any]) -> Row:
-        """Means over the modules, under the names that training.py gives them; no gradient without clipping."""
+        """Means over the modules, named as in training.py; the gradient only if it is clipped."""
         names = {
             "policy_loss": "policy_loss",
             "value_loss": "vf_loss",
