@@ -149,21 +149,19 @@ def new_seen(copies: int, agents: int, tasks: int) -> Seen:
 
 
 def new_outcome(copies: int, agents: int) -> Outcome:
-    def zeros(dtype: type, *shape: int) -> NDArray[np.generic]:
-        return np.zeros((copies, *shape), dtype)
-
+    each = (copies, agents)
     return Outcome(
-        rewards=zeros(np.float32, agents),  # type: ignore[arg-type]
-        team_reward=zeros(np.float32),  # type: ignore[arg-type]
-        terminated=zeros(np.bool_),  # type: ignore[arg-type]
-        truncated=zeros(np.bool_),  # type: ignore[arg-type]
-        requested_tasks=zeros(np.int64),  # type: ignore[arg-type]
-        conflicted_tasks=zeros(np.int64),  # type: ignore[arg-type]
-        allocated=zeros(np.int64, agents),  # type: ignore[arg-type]
-        travel_ms=zeros(np.int64, agents),  # type: ignore[arg-type]
-        completed=zeros(np.int64),  # type: ignore[arg-type]
-        released=zeros(np.bool_, agents),  # type: ignore[arg-type]
-        elapsed_ms=zeros(np.int64, agents),  # type: ignore[arg-type]
+        rewards=np.zeros(each, np.float32),
+        team_reward=np.zeros(copies, np.float32),
+        terminated=np.zeros(copies, np.bool_),
+        truncated=np.zeros(copies, np.bool_),
+        requested_tasks=np.zeros(copies, np.int64),
+        conflicted_tasks=np.zeros(copies, np.int64),
+        allocated=np.zeros(each, np.int64),
+        travel_ms=np.zeros(each, np.int64),
+        completed=np.zeros(copies, np.int64),
+        released=np.zeros(each, np.bool_),
+        elapsed_ms=np.zeros(each, np.int64),
     )
 
 
