@@ -5,6 +5,7 @@ Ray is imported in the tests: it reads at its import that it shall stay on loopb
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -18,14 +19,15 @@ import torch
 from world_samples import SMALL
 
 from hippomat_core.errors import ConfigError
-from hippomat_sim.learn.checkpoint import load_checkpoint
+from hippomat_sim.learn.checkpoint import load_checkpoint, save_checkpoint
+from hippomat_sim.learn.cli import main
 from hippomat_sim.learn.env import VectorEnv
 from hippomat_sim.learn.networks import PolicyNetwork, make_network, policy_inputs
 from hippomat_sim.learn.parallel_env import AllocationParallelEnv
 from hippomat_sim.learn.ray_session import LOCAL, ray_session, stay_on_loopback
 from hippomat_sim.learn.rllib import train_with_ray
 from hippomat_sim.learn.settings import EnvSettings
-from hippomat_sim.learn.train_settings import TrainSettings, load_train_settings
+from hippomat_sim.learn.train_settings import TrainSettings, load_train_settings, settings_to_dict
 from hippomat_sim.learn.training import fresh_network
 from hippomat_sim.learn.world_pool import WorldPool, make_pool
 
@@ -212,6 +214,20 @@ def test_without_ray_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setitem(sys.modules, "ray.rllib", None)
     with pytest.raises(ConfigError, match=r"pip install 'hippomat\[ray\]'"), ray_session(LOCAL, 1):
         pass
+
+
+def test_a_run_goes_on_the_way_it_began(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    state = {"settings": json.dumps(settings_to_dict(small("rllib"))), "network": {}}
+    save_checkpoint(tmp_path, state)
+    assert main(["--resume", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == (
+        f"hippomat-train: --resume {tmp_path}: it was trained through RLlib: add --ray\n"
+    )
+
+
+def test_runners_are_rays(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--runners", "2"]) == 1
+    assert capsys.readouterr().err == "hippomat-train: --runners 2: they are Ray's; add --ray\n"
 
 
 def test_a_cluster_that_does_not_answer_is_one_line() -> None:

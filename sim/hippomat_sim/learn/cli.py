@@ -10,6 +10,7 @@ from typing import NoReturn
 
 from hippomat_core.errors import HippomatError
 from hippomat_sim.entry import guarded
+from hippomat_sim.learn.ray_session import LOCAL
 
 COMMANDS = ("train", "export", "prepare")
 _EPILOG = """\
@@ -20,6 +21,7 @@ examples:
   hippomat-train --config paper --agents 10 --tasks 30
   hippomat-train --config mine.toml --seed 3 --minutes 10 --out runs/mine
   hippomat-train --resume runs/mine
+  hippomat-train --ray --runners 8                    through Ray RLlib; --ray 10.0.0.7:6379: on a cluster
   hippomat-train export runs/mine --out policy.safetensors
   hippomat-train prepare
 """
@@ -85,7 +87,14 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
     add("--minutes", type=float, metavar="X", help="stop after so long; the run can be resumed")
     add("--agents", type=_positive, metavar="N", help="train for this fleet size alone")
     add("--tasks", type=_positive, metavar="M", help="train for this many tasks alone")
-    add("--ray", action="store_true", help="through Ray RLlib (pip install 'hippomat[ray]'), preset rllib")
+    add(
+        "--ray",
+        nargs="?",
+        const=LOCAL,
+        metavar="ADDRESS",
+        help="through Ray RLlib (pip install 'hippomat[ray]'), preset rllib; on a cluster where one is named",
+    )
+    add("--runners", type=_positive, metavar="N", help="with --ray: processes that play (none: one does all)")
 
 
 def _positive(text: str) -> int:

@@ -7,6 +7,7 @@ variables that it reads when it is imported. Knows nothing of learning.
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import logging
 import os
 import socket
@@ -20,13 +21,22 @@ LOCAL = "local"
 _LOOPBACK = "127.0.0.1"
 _KNOCK_S = 5.0
 # Ray takes a loopback address for a mistake and looks for another one, unless clusters are off.
-_LOCAL_ENVIRONMENT = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
+_LOCAL_ENVIRONMENT = {
+    "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",
+    "RAY_USAGE_STATS_ENABLED": "0",
+}
 _OBJECT_STORE_BYTES = 256 * 1024 * 1024  # rollouts and weights; Ray's own choice is a third of the memory
 
 
 def stay_on_loopback() -> None:
     """Before the first import of Ray in a process that starts a Ray of its own."""
     os.environ.update(_LOCAL_ENVIRONMENT)
+
+
+def require_ray() -> None:
+    """ConfigError where Ray is missing; imports nothing."""
+    if importlib.util.find_spec("ray") is None:
+        raise _missing("ray")
 
 
 @contextmanager
@@ -55,10 +65,12 @@ def _ray() -> Any:
     try:
         importlib.import_module("ray.rllib")
     except ImportError as error:
-        raise ConfigError(
-            f"--ray needs Ray RLlib ({error.name} is not installed): pip install 'hippomat[ray]'"
-        ) from None
+        raise _missing(error.name) from None
     return importlib.import_module("ray")
+
+
+def _missing(package: str | None) -> ConfigError:
+    return ConfigError(f"--ray needs Ray RLlib ({package} is not installed): pip install 'hippomat[ray]'")
 
 
 def _start(ray: Any, processors: int, quiet: dict[str, Any]) -> None:

@@ -13,11 +13,13 @@ import torch
 from rich.console import Console
 
 from hippomat_core.errors import ConfigError
-from hippomat_sim.learn.checkpoint import FILE_NAME
+from hippomat_sim.learn.checkpoint import FILE_NAME, load_checkpoint
 from hippomat_sim.learn.curves import draw_curves
 from hippomat_sim.learn.export import exported_policy, write_policy
 from hippomat_sim.learn.interrupt import Interrupt
 from hippomat_sim.learn.pool_bar import make_pool_shown
+from hippomat_sim.learn.ray_session import require_ray
+from hippomat_sim.learn.rllib import train_with_ray
 from hippomat_sim.learn.runs import POLICY_NAME
 from hippomat_sim.learn.train_settings import (
     EpisodeSettings,
@@ -39,6 +41,8 @@ def train(options: argparse.Namespace) -> int:
     console = Console(stderr=True)
     if options.minutes is not None and not options.minutes > 0.0:
         raise ConfigError(f"--minutes {options.minutes}: must be above 0")
+    if options.runners is not None and not options.ray:
+        raise ConfigError(f"--runners {options.runners}: they are Ray's; add --ray")
     if options.ray:
         return _with_ray(options, console)
     device = device_of(options.device)
@@ -164,22 +168,21 @@ def _finish(folder: Path, rows: list[dict[str, object]], console: Console) -> No
     _line(console, f"{folder / POLICY_NAME}: {policy.network} {policy.hash[:12]}; {pictures}")
 
 
-def _said_interrupted(folder: Path, update: int) -> int:
+def _said_interrupted(folder: Path, update: int, how: str = "") -> int:
     print(
         f"hippomat-train: interrupted after update {update}, checkpoint written: "
-        f"go on with hippomat-train --resume {folder}",
+        f"go on with hippomat-train {how}--resume {folder}",
         file=sys.stderr,
     )
     return INTERRUPTED
 
 
 def _with_ray(options: argparse.Namespace, console: Console) -> int:
-    from hippomat_sim.learn.rllib import train_with_ray  # here: Ray is large and optional
-
+    require_ray()
     if options.resume:
         _refuse_anew(options)
-        raw = json.loads((options.resume / "run.json").read_text("utf-8"))
-        settings, folder = settings_from_dict(raw["settings"], str(options.resume)), options.resume
+        told_then = json.loads(load_checkpoint(options.resume)["settings"])
+        settings, folder = settings_from_dict(told_then, str(options.resume)), options.resume
     else:
         preset = options.config or "rllib"
         settings, folder = settings_of(options, preset), folder_of(options, preset)
@@ -201,9 +204,11 @@ def _with_ray(options: argparse.Namespace, console: Console) -> int:
             view.show,
             lambda: interrupt.asked or time.monotonic() >= ends_s,
             resume=options.resume is not None,
+            address=options.ray,
+            runners=options.runners or 0,
         )
     if interrupt.asked:
-        return _said_interrupted(folder, training.clock.update)
+        return _said_interrupted(folder, training.clock.update, "--ray ")
     _finish(folder, training.rows, console)
     return 0
 

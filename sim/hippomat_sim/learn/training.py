@@ -68,6 +68,8 @@ class Training:
     ) -> Training:
         """The run of this directory, as its checkpoint left it. make: the pool of its settings."""
         state = load_checkpoint(folder)
+        if "optimiser" not in state:
+            raise ConfigError(f"--resume {folder}: it was trained through RLlib: add --ray")
         settings = settings_from_dict(json.loads(state["settings"]), str(folder))
         pool = make(settings)
         if pool.hash != state["pool"]:
