@@ -1,4 +1,4 @@
-"""The cases of learning: what a step of the environment costs."""
+"""The cases of learning: what a step of the environment and a decision of the learned policy cost."""
 
 from __future__ import annotations
 
@@ -8,10 +8,16 @@ from functools import cache
 from itertools import cycle
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from benchmarks.measure import Result, compare
+from hippomat_core.allocation.factory import make_allocator
+from hippomat_core.allocation.port import Allocator, Problem
 from hippomat_sim.learn.env import VectorEnv
+from hippomat_sim.learn.export import policy_file
+from hippomat_sim.learn.networks import PolicyInputs, PolicyNetwork, make_network, policy_inputs
 from hippomat_sim.learn.parallel_env import AllocationParallelEnv
 from hippomat_sim.learn.settings import EnvSettings, WorldSettings
 from hippomat_sim.learn.world_pool import WorldPool, make_pool
@@ -56,6 +62,47 @@ def _env_step(name: str, turnover: str, actions: NDArray[np.int64]) -> Result:
         pairs=7,
     )
     return replace(found, ours_us=found.ours_us / COPIES, ratio=found.ratio * COPIES)
+
+
+def policy_decision() -> Result:
+    """From the snapshot to one robot's action, beside the same network in torch."""
+    inputs, network, allocator, problem = _decision()
+
+    def in_torch() -> None:
+        with torch.no_grad():
+            network(inputs).argmax(2)
+
+    in_torch()
+    return compare(
+        f"decision of the edge network, N = M = {AGENTS}",
+        lambda: allocator.allocate(problem),
+        "torch eager, tensors ready",
+        in_torch,
+    )
+
+
+def policy_decision_and_scipy() -> Result:
+    _, _, allocator, problem = _decision()
+    costs = np.square(problem.costs_q.astype(np.float64))
+    return compare(
+        f"decision of the edge network, N = M = {AGENTS}",
+        lambda: allocator.allocate(problem),
+        "scipy linear_sum_assignment",
+        lambda: linear_sum_assignment(costs),
+    )
+
+
+@cache
+def _decision() -> tuple[PolicyInputs, PolicyNetwork, Allocator, Problem]:
+    """One snapshot, and the network in torch and in the core; what weights are in it costs the same."""
+    network = make_network("graphsage", {}, AGENTS, TASKS)
+    policy = policy_file(network, {}, {})
+    allocator = make_allocator("graphsage", policy.to_bytes(), AGENTS, TASKS)
+    copies = VectorEnv(EnvSettings(agents=AGENTS, tasks=TASKS), _pool(), 1, 0)
+    problems = copies.reset()
+    problem = problems.take([0]).problem(0)
+    allocator.allocate(problem)  # compiles
+    return policy_inputs(problems), network, allocator, problem
 
 
 @cache

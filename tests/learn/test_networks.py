@@ -25,7 +25,7 @@ from hippomat_sim.learn.problems import ProblemBatch
 KINDS = [
     ("graphsage", {}),
     ("graphsage", {"head": False}),
-    ("graphsage", {"look_ahead": False, "score_in_head": True}),
+    ("graphsage", {"look_ahead": False, "hops": 1}),
     ("paper_network", {}),
     ("paper_network", {"policy_input": "xz", "independent": False}),
     ("paper_network", {"neighbours": False}),

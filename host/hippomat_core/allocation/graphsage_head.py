@@ -27,8 +27,7 @@ def net_offers(
 
     learned: (3, n, m), as run_trunk gives them.
     """
-    benefit = learned[0] - edges.cost if settings.score_in_head else -edges.cost
-    table = _market(edges, benefit)
+    table = _market(edges)
     n, m = edges.valid.shape
     prices = np.zeros(m + 1)
     prices[:m] = _pooled_prices(learned[1], learned[2], edges.valid)
@@ -48,11 +47,11 @@ def temperatures(settings: GraphSageSettings) -> Values:
     return np.array([settings.tau_first * ratio ** (step / last) for step in range(settings.head_steps)])
 
 
-def _market(edges: Edges, benefit: Values) -> Values:
+def _market(edges: Edges) -> Values:
     """(n + 1, m + 1) benefits, the slack row and column last; NOTHING where nothing can be."""
     n, m = edges.valid.shape
     table = np.full((n + 1, m + 1), NOTHING)
-    table[:n, :m] = np.where(edges.valid, benefit, -(edges.cost.max() + CLOSED_EXTRA))
+    table[:n, :m] = np.where(edges.valid, -edges.cost, -(edges.cost.max() + CLOSED_EXTRA))
     if edges.may_wait:
         table[:n, m] = -edges.wait[edges.rows]
     elif n > m:

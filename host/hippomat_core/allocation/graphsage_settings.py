@@ -38,7 +38,6 @@ class GraphSageSettings:
     hidden: int = 32  # of the edge net and of every hop's residual net
     heads: int = 4  # attention heads of a hop
     head: bool = True  # annealed potentials, from the learned prices; False: the learned scores alone
-    score_in_head: bool = False  # the learned scores lower the costs that the head sees
     head_steps: int = 48
     tau_first: float = 1.0
     tau_last: float = 0.001

@@ -6,8 +6,7 @@ Every edge (i, j) has an embedding. A hop lets it hear its row and its column th
 
 - its score: without the head, the policy is a softmax over score - cost (the learned part alone);
 - a price and a weight: pooled over a task's agents, the task's price from which the head begins (head.py).
-  The head alone decides where it ends, so a learned price saves steps and cannot lead it astray. With
-  score_in_head the scores count in the head too.
+  The head alone decides where it ends, so a learned price saves steps and cannot lead it astray.
 
 All three begin at zero: untrained, the network is the pure head. Costs count in the snapshot's own scale, so
 the fleet's c_max does not matter.
@@ -45,15 +44,15 @@ class Hop(nn.Module):
         self.mix = nn.Linear(settings.width + 3 * settings.heads, settings.hidden)
         self.out = nn.Linear(settings.hidden, settings.width)
 
-    def forward(self, e: Tensor, valid: Tensor) -> Tensor:
-        """e: (B, N, M, width)  valid: (B, N, M, 1)."""
+    def forward(self, e: Tensor, valid: Tensor | None) -> Tensor:
+        """e: (B, N, M, width)  valid: (B, N, M, 1); None = all are, which saves the masks."""
         q = self.query(e)
-        held = q.masked_fill(~valid, NOTHING)
-        shares = [
-            torch.log_softmax(held, dim).clamp(min=WEAKEST_SHARE).masked_fill(~valid, WEAKEST_SHARE)
-            * SHARE_SIZE
-            for dim in (2, 1)
-        ]
+        held = q if valid is None else q.masked_fill(~valid, NOTHING)
+        shares = [torch.log_softmax(held, dim).clamp(min=WEAKEST_SHARE) for dim in (2, 1)]
+        if valid is not None:
+            invalid = ~valid
+            shares = [share.masked_fill(invalid, WEAKEST_SHARE) for share in shares]
+        shares = [share * SHARE_SIZE for share in shares]
         heard: Tensor = self.out(torch.relu(self.mix(torch.cat([e, q, *shares], dim=3))))
         return e + heard
 
@@ -77,8 +76,9 @@ class GraphSageNetwork(PolicyNetwork):
     def embeddings(self, edges: Edges) -> Tensor:
         """(B, N, M, width) of every edge; meaningless where the edge is not valid."""
         e: Tensor = self.edge_out(torch.relu(self.edge_in(edge_features(edges).to(self.out.weight.dtype))))
+        valid = None if bool(edges.valid.all()) else edges.valid[..., None]
         for hop in self.hops:
-            e = hop(e, edges.valid[..., None])
+            e = hop(e, valid)
         return e
 
     def evaluate(self, inputs: PolicyInputs) -> tuple[Tensor, Tensor]:
@@ -108,8 +108,7 @@ class GraphSageNetwork(PolicyNetwork):
         out = self.out(e)
         weights = torch.softmax(out[..., 2].masked_fill(~edges.valid, NOTHING), dim=1)
         first_prices = PRICE_SIZE * (weights * out[..., 1]).sum(dim=1)
-        benefit = out[..., 0] - edges.cost if settings.score_in_head else -edges.cost
-        offers = net_offers(edges, benefit, first_prices, settings).masked_fill(~edges.allowed, NOTHING)
+        offers = net_offers(edges, first_prices, settings).masked_fill(~edges.allowed, NOTHING)
         behind = (offers - offers.amax(dim=2, keepdim=True)) / settings.head_temperature
         return masked(behind.clamp(min=-LOGIT_SPAN).to(e.dtype), edges.allowed)
 

@@ -35,12 +35,9 @@ class Market:
     open: Tensor  # (B,) bool: both slacks are unlimited
 
 
-def net_offers(edges: Edges, benefit: Tensor, first_prices: Tensor, settings: GraphSageSettings) -> Tensor:
-    """(B, N, M + 1) b_ij - v_j in units of the scale, no request in front.
-
-    benefit: (B, N, M) b_ij, float64  first_prices: (B, M).
-    """
-    market = market_of(edges, benefit)
+def net_offers(edges: Edges, first_prices: Tensor, settings: GraphSageSettings) -> Tensor:
+    """(B, N, M + 1) b_ij - v_j in units of the scale, no request in front. first_prices: (B, M)."""
+    market = market_of(edges)
     first = torch.cat([first_prices, torch.zeros_like(first_prices[:, :1])], dim=1).double()
     final = prices(market, torch.where(market.open[:, None], first.clamp(min=0.0), first), settings)
     net = market.benefit[:, :-1] - final[:, None, :]
@@ -49,14 +46,14 @@ def net_offers(edges: Edges, benefit: Tensor, first_prices: Tensor, settings: Gr
     return torch.cat([torch.maximum(slack, beyond), tasks.masked_fill(~edges.valid, NOTHING)], dim=2)
 
 
-def market_of(edges: Edges, benefit: Tensor) -> Market:
+def market_of(edges: Edges) -> Market:
     count, agents, tasks = edges.cost.shape
     farthest = edges.cost.flatten(1).amax(dim=1)[:, None, None] + CLOSED_EXTRA
     surplus = edges.rows - edges.columns
     rest = edges.valid.any(dim=2) & (edges.may_wait | (surplus > 0))[:, None]
     unserved = edges.valid.any(dim=1) & (edges.may_wait | (surplus < 0))[:, None]
     table = edges.cost.new_full((count, agents + 1, tasks + 1), NOTHING)
-    table[:, :-1, :-1] = torch.where(edges.valid, benefit, torch.where(edges.closed, -farthest, NOTHING))
+    table[:, :-1, :-1] = torch.where(edges.valid, -edges.cost, torch.where(edges.closed, -farthest, NOTHING))
     table[:, :-1, -1] = torch.where(rest, -edges.wait * edges.may_wait[:, None], NOTHING)
     table[:, -1, :-1] = torch.where(unserved, 0.0, NOTHING)
     log_capacity = surplus.abs().clamp(min=1).to(table.dtype).log()
