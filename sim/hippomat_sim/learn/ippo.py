@@ -4,8 +4,9 @@
 
 with rho_i = pi_i(a_i | o_i) / pi_i,old(a_i | o_i), for every agent from its own experience alone. A_i is the
 generalised advantage (the paper), or the counterfactual of its request (ours, see advantages.py); beside it
-the optimal assignment may be cloned. Where agents share weights their losses are averaged; where every agent
-has weights of its own they are summed, so that each is trained as if it were alone.
+the optimal assignment may be cloned, in the first pass over each batch. Where agents share weights their
+losses are averaged; where every agent has weights of its own they are summed, so that each is trained as if
+it were alone.
 """
 
 from __future__ import annotations
@@ -92,17 +93,18 @@ class Ippo:
         batch = self._batch(rollout, progress)
         self._set_rate(progress)
         size = self.settings.minibatch or len(batch)
-        sums: dict[str, float] = {}
-        steps = 0
-        for _ in range(self.settings.epochs):
+        sums: dict[str, tuple[float, int]] = {}
+        for epoch in range(self.settings.epochs):
+            if epoch == 1:  # the unrolled head costs as much as all else: once per batch
+                batch = replace(batch, optimal=None)
             for chosen in torch.split(self._order(len(batch)), size):
                 part = batch if len(chosen) == len(batch) else batch.rows(chosen)
                 loss, parts = self._loss(part, progress)
                 norm = self._step(loss)
-                steps += 1
                 for name, value in {**parts, "gradient": norm}.items():
-                    sums[name] = sums.get(name, 0.0) + value.item()
-        return {name: value / steps for name, value in sums.items()}
+                    total, count = sums.get(name, (0.0, 0))
+                    sums[name] = total + value.item(), count + 1
+        return {name: total / count for name, (total, count) in sums.items()}
 
     def _order(self, count: int) -> Tensor:
         return torch.randperm(count, generator=self.random, device=self.device)
