@@ -108,7 +108,7 @@ class Plan:
 
     def _continuous(self) -> Iterator[Cell]:
         for agents in self.sizes(AGENTS):
-            for name in self._named():
+            for name in (name for name in self._named() if METHODS[name].continuous):
                 yield Cell(CONTINUOUS, name, agents, CONTINUOUS_TASKS, self._copies(name, agents))
 
     def _loss(self) -> Iterator[Cell]:

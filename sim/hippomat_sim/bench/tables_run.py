@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from typing import Any
@@ -167,15 +167,8 @@ def _measured(
     """In the order in which they are done. Cells that are timed run here and alone."""
     shared = [cell for cell in due if cell.kind != kinds.TIME]
     if jobs > 1 and len(shared) > 1:
-        workers = ProcessPoolExecutor(jobs, get_context("spawn"), _prepare_worker, (bench,))
-        with workers:
-            try:
-                futures = {workers.submit(_measure_in_worker, cell): cell for cell in shared}
-                for future in as_completed(futures):
-                    yield futures[future], future.result()
-            except BaseException:
-                workers.shutdown(wait=False, cancel_futures=True)
-                raise
+        with get_context("spawn").Pool(jobs, _prepare_worker, (bench,)) as workers:
+            yield from workers.imap_unordered(_measure_in_worker, shared)
         shared = []
     for cell in (*shared, *(cell for cell in due if cell.kind == kinds.TIME)):
         yield cell, measure(cell, bench, pool)
@@ -186,9 +179,10 @@ _worker: tuple[Bench, WorldPool] | None = None
 
 def _prepare_worker(bench: Bench) -> None:
     global _worker
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all: the parent says it, and ends us
     _worker = bench, make_pool(bench.world, TEST_SPLIT)
 
 
-def _measure_in_worker(cell: Cell) -> Figures:
+def _measure_in_worker(cell: Cell) -> tuple[Cell, Figures]:
     assert _worker is not None
-    return measure(cell, *_worker)
+    return cell, measure(cell, *_worker)

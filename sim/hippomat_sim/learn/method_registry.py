@@ -54,7 +54,8 @@ class MethodSpec:
     share: float = 1.0  # of the usual number of instances: slow methods get fewer, the first ones
     preset: str = ""  # what trains it; empty: nothing has to be trained, or the package has the weights
     any_size: bool = True  # False: trained for one fleet at a time
-    one_shot: bool = True  # is measured in one-shot problems too
+    one_shot: bool = True  # is measured in one-shot problems
+    continuous: bool = True  # is measured in continuous ones
     paper: str = ""  # what the paper's tables call it
     messages: Callable[[Problem], int] = _one_message  # that each robot sends for one decision
 
@@ -142,9 +143,13 @@ METHODS: dict[str, MethodSpec] = {
     "fixed_slot": MethodSpec("fixed slot", _core("fixed_slot")),
     "graphsage": MethodSpec("ours", _ours(look_ahead=False)),
     "graphsage_look_ahead": MethodSpec("ours, looking ahead", _ours(look_ahead=True), one_shot=False),
-    "graphsage_untrained": MethodSpec("ours, untrained", _ours(untrained=True, look_ahead=False)),
+    "graphsage_untrained": MethodSpec(
+        "ours, untrained", _ours(untrained=True, look_ahead=False), continuous=False
+    ),
     "graphsage_no_head": MethodSpec("ours, learned part alone", _ours(look_ahead=False, head=False)),
-    "learned_part": MethodSpec("ours, trained without head", _learned_part, preset="learned_part"),
+    "learned_part": MethodSpec(
+        "ours, trained without head", _learned_part, preset="learned_part", continuous=False
+    ),
     "paper": MethodSpec(
         "the paper's network",
         _paper_network("paper"),
