@@ -28,7 +28,8 @@ class Estimate:
 
     def scaled(self, factor: float, offset: float = 0.0) -> Estimate:
         """factor * x + offset of everything; factor > 0."""
-        return Estimate(*(factor * x + offset for x in (self.value, self.low, self.high)), count=self.count)
+        value, low, high = (factor * x + offset for x in (self.value, self.low, self.high))
+        return Estimate(value, low, high, self.count)
 
 
 NOTHING = Estimate(float("nan"), float("nan"), float("nan"), 0)
