@@ -113,5 +113,6 @@ def _pool() -> WorldPool:
 
 
 CASES: dict[str, Callable[[], Result]] = {
-    case.__name__: case for case in (env_step_fixed, env_step_continuous)
+    case.__name__: case
+    for case in (env_step_fixed, env_step_continuous, policy_decision, policy_decision_and_scipy)
 }
