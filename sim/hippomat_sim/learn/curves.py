@@ -1,4 +1,4 @@
-"""The training curves as pictures: reward and entropy over steps (the paper's two figures), the frozen set."""
+"""Training curves as pictures: reward and entropy over steps (the paper's two figures), the frozen set."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COLOURS = ("#2a6fbb", "#c4572b", "#3f8f4f", "#8a5fb0", "#8a7a2b", "#4aa3a3")
 
 
 def draw_curves(folder: Path, rows: Sequence[Row]) -> list[Path]:
-    """Writes reward.png, entropy.png and, where there was an evaluation, evaluation.png; returns the paths."""
+    """Writes reward.png, entropy.png and, after an evaluation, evaluation.png; returns the paths."""
     written = [
         _picture(
             folder / "reward.png",

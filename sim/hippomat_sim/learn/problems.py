@@ -30,8 +30,8 @@ class ProblemBatch:
 
     def problem(self, index: int, self_index: int = 0, round_number: int = 0, seed: int = 0) -> Problem:
         """One of them as the robots' allocators take it."""
-        arrays = (getattr(self, field.name)[index] for field in fields(self))
-        return Problem(*arrays, self_index=self_index, round=round_number, seed=seed)
+        arrays = {field.name: getattr(self, field.name)[index] for field in fields(self)}
+        return Problem(**arrays, self_index=self_index, round=round_number, seed=seed)
 
     def take(self, indices: ArrayLike) -> ProblemBatch:
         """The chosen ones, copied."""

@@ -13,7 +13,7 @@ from hippomat_sim.learn.train_settings import TrainSettings, load_train_settings
 
 POLICY_NAME = "policy.safetensors"
 
-# Agent steps of the runs for one fleet each, where nobody says otherwise: all of them within an hour on one core.
+# Agent steps of the runs for one fleet each, where nobody says otherwise: an hour on one core for all.
 # Two are longer: five agents until they have settled, ten for the paper's curves.
 SHORT_STEPS = {"paper": 120_000, "no_neighbours": 60_000, "mappo_gcn": 80_000}
 LONG_STEPS = {"paper_never_5x5": 1_000_000, "paper_on_claim_10x30": 500_000}
