@@ -1,1 +1,1 @@
-"""Learning to allocate: worlds, environment, networks, training, evaluation. Decides on quantised costs only."""
+"""Learning to allocate: worlds, environment, networks, training, evaluation. Knows quantised costs only."""
