@@ -7,16 +7,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
-from dataclasses import dataclass, field
-from typing import Any, TypeVar, get_type_hints
+from dataclasses import dataclass
+from typing import Any, get_type_hints
 
 from hippomat_core.errors import ConfigError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from hippomat_core.settings_tree import choice, number, parse_toml, read_table
 
 MAX_ROBOTS = 64
 MAX_TASK_SLOTS = 80
@@ -25,94 +20,84 @@ POLICY_ALLOCATORS = ("graphsage", "paper_network")  # decide with trained weight
 ALLOCATORS = (*POLICY_ALLOCATORS, *BASELINES)
 ROBOTS_PER_SECOND_OF_ROUND = 320  # STATE and two relays in slots of 1.04 ms: 32 robots in 100 ms
 
-T = TypeVar("T")
-
-
-def _number(default: float, low: float, high: float) -> Any:
-    return field(default=default, metadata={"low": low, "high": high})
-
-
-def _choice(default: str, *options: str) -> Any:
-    return field(default=default, metadata={"options": options})
-
 
 @dataclass(frozen=True, slots=True)
 class FleetConfig:
     """What every robot of a fleet must agree on; all of it enters the fleet digest."""
 
-    id: int = _number(1, 0, 255)
-    size: int = _number(5, 1, MAX_ROBOTS)  # roster: robot ids 0 .. size-1
-    channel: int = _number(1, 1, 13)  # Wi-Fi, 2.4 GHz
-    task_slots: int = _number(12, 1, MAX_TASK_SLOTS)  # M
-    seed: int = _number(1, 0, 2**31 - 1)
-    round_s: float = _number(0.1, 0.05, 1.0)
-    c_max_s: float = _number(0.0, 0.0, 10_000.0)  # 0: derived from the map
-    allocator: str = _choice("graphsage", *ALLOCATORS)
+    id: int = number(1, 0, 255)
+    size: int = number(5, 1, MAX_ROBOTS)  # roster: robot ids 0 .. size-1
+    channel: int = number(1, 1, 13)  # Wi-Fi, 2.4 GHz
+    task_slots: int = number(12, 1, MAX_TASK_SLOTS)  # M
+    seed: int = number(1, 0, 2**31 - 1)
+    round_s: float = number(0.1, 0.05, 1.0)
+    c_max_s: float = number(0.0, 0.0, 10_000.0)  # 0: derived from the map
+    allocator: str = choice("graphsage", *ALLOCATORS)
     policy: str = ""  # path of a safetensors file, for POLICY_ALLOCATORS; graphsage has a default
     policy_per_robot: bool = False  # weights may differ between robots and stay out of the digest
-    turnover: str = _choice("on_claim", "on_claim", "on_completion", "never")
-    handover_gain_s: float = _number(0.0, 0.0, 600.0)  # 0: whoever claims a task serves it
-    task_source: str = _choice("continuous", "continuous", "orders")
-    partition: str = _choice("auto", "auto", "wait", "serve")  # auto: serve for rosters under 3
-    dwell_s: float = _number(0.5, 0.0, 600.0)
-    goal_tolerance_m: float = _number(0.1, 0.01, 5.0)
+    turnover: str = choice("on_claim", "on_claim", "on_completion", "never")
+    handover_gain_s: float = number(0.0, 0.0, 600.0)  # 0: whoever claims a task serves it
+    task_source: str = choice("continuous", "continuous", "orders")
+    partition: str = choice("auto", "auto", "wait", "serve")  # auto: serve for rosters under 3
+    dwell_s: float = number(0.5, 0.0, 600.0)
+    goal_tolerance_m: float = number(0.1, 0.01, 5.0)
 
 
 @dataclass(frozen=True, slots=True)
 class RobotConfig:
     """Which robot this is, its body and where it stands at the start (map frame)."""
 
-    id: int = _number(-1, -1, MAX_ROBOTS - 1)  # -1: not given, the daemon only observes
-    start_x_m: float = _number(0.0, -1000.0, 1000.0)
-    start_y_m: float = _number(0.0, -1000.0, 1000.0)
-    start_yaw_rad: float = _number(0.0, -2 * math.pi, 2 * math.pi)
+    id: int = number(-1, -1, MAX_ROBOTS - 1)  # -1: not given, the daemon only observes
+    start_x_m: float = number(0.0, -1000.0, 1000.0)
+    start_y_m: float = number(0.0, -1000.0, 1000.0)
+    start_yaw_rad: float = number(0.0, -2 * math.pi, 2 * math.pi)
     start_known: bool = False
-    radius_m: float = _number(0.12, 0.02, 2.0)
+    radius_m: float = number(0.12, 0.02, 2.0)
 
 
 @dataclass(frozen=True, slots=True)
 class LidarConfig:
     """Pose of the lidar in the base frame (x forward, y left); the JetBot ROS AI kit has it backwards."""
 
-    x_m: float = _number(0.0, -1.0, 1.0)
-    y_m: float = _number(0.0, -1.0, 1.0)
-    z_m: float = _number(0.15, 0.0, 3.0)
-    yaw_rad: float = _number(math.pi, -2 * math.pi, 2 * math.pi)
-    min_range_m: float = _number(0.15, 0.0, 5.0)
-    max_range_m: float = _number(12.0, 0.5, 100.0)
-    timeout_s: float = _number(0.5, 0.1, 10.0)
+    x_m: float = number(0.0, -1.0, 1.0)
+    y_m: float = number(0.0, -1.0, 1.0)
+    z_m: float = number(0.15, 0.0, 3.0)
+    yaw_rad: float = number(math.pi, -2 * math.pi, 2 * math.pi)
+    min_range_m: float = number(0.15, 0.0, 5.0)
+    max_range_m: float = number(12.0, 0.5, 100.0)
+    timeout_s: float = number(0.5, 0.1, 10.0)
 
 
 @dataclass(frozen=True, slots=True)
 class LimitsConfig:
     """Speeds the follower may command; the defaults suit a first run."""
 
-    speed_mps: float = _number(0.2, 0.02, 5.0)
-    accel_mps2: float = _number(0.5, 0.05, 20.0)
-    turn_radps: float = _number(1.5, 0.1, 10.0)
-    turn_accel_radps2: float = _number(6.0, 0.1, 50.0)
+    speed_mps: float = number(0.2, 0.02, 5.0)
+    accel_mps2: float = number(0.5, 0.05, 20.0)
+    turn_radps: float = number(1.5, 0.1, 10.0)
+    turn_accel_radps2: float = number(6.0, 0.1, 50.0)
 
 
 @dataclass(frozen=True, slots=True)
 class PlanningConfig:
     """Costmap and reservations. The first three names are nav2's."""
 
-    inflation_radius: float = _number(0.17, 0.02, 5.0)  # [m] cells nearer to an obstacle are not entered
-    cost_scaling_factor: float = _number(10.0, 0.1, 100.0)
+    inflation_radius: float = number(0.17, 0.02, 5.0)  # [m] cells nearer to an obstacle are not entered
+    cost_scaling_factor: float = number(10.0, 0.1, 100.0)
     allow_unknown: bool = False
-    peer_margin_m: float = _number(0.06, 0.0, 2.0)  # gap kept between two footprints when reserving
-    intent_horizon_m: float = _number(0.6, 0.05, 5.0)
-    replan_after_blockages: int = _number(3, 1, 100)  # the paper's threshold
-    blockage_s: float = _number(0.3, 0.05, 10.0)  # one blockage = stopped this long before a taken cell
-    peer_stale_s: float = _number(1.0, 0.2, 60.0)
+    peer_margin_m: float = number(0.06, 0.0, 2.0)  # gap kept between two footprints when reserving
+    intent_horizon_m: float = number(0.6, 0.05, 5.0)
+    replan_after_blockages: int = number(3, 1, 100)  # the paper's threshold
+    blockage_s: float = number(0.3, 0.05, 10.0)  # one blockage = stopped this long before a taken cell
+    peer_stale_s: float = number(1.0, 0.2, 60.0)
 
 
 @dataclass(frozen=True, slots=True)
 class GuardConfig:
     """The scan guard next to the motors."""
 
-    margin_m: float = _number(0.03, 0.0, 1.0)
-    latency_s: float = _number(0.25, 0.0, 5.0)  # scan age + loop + base reaction
+    margin_m: float = number(0.03, 0.0, 1.0)
+    latency_s: float = number(0.25, 0.0, 5.0)  # scan age + loop + base reaction
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +106,7 @@ class LogConfig:
 
     directory: str = "runs"
     enabled: bool = True
-    part_mib: int = _number(512, 1, 100_000)
+    part_mib: int = number(512, 1, 100_000)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,11 +124,7 @@ class Config:
 
 def parse_config(text: str, name: str = "hippomat.toml") -> Config:
     """Config from TOML text; raises ConfigError naming `name`, section, key, value and remedy."""
-    try:
-        tree = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{name}: not valid TOML: {error}") from None
-    return config_from_dict(tree, name)
+    return config_from_dict(parse_toml(text, name), name)
 
 
 def config_from_dict(tree: dict[str, Any], name: str = "hippomat.toml") -> Config:
@@ -156,7 +137,7 @@ def config_from_dict(tree: dict[str, Any], name: str = "hippomat.toml") -> Confi
             raise ConfigError(f"{name}: unknown section [{section}]; known: {', '.join(sections)}")
         if not isinstance(values, dict):
             raise ConfigError(f"{name}: [{section}] must be a table, found {values!r}")
-        parts[section] = _section(hints[section], values, f"{name}: [{section}]")
+        parts[section] = read_table(hints[section], values, f"{name}: [{section}]")
     config = Config(**parts)
     _check_together(config, name)
     return config
@@ -198,26 +179,3 @@ def _check_together(config: Config, name: str) -> None:
 def config_to_dict(config: Config) -> dict[str, Any]:
     """The inverse of config_from_dict."""
     return dataclasses.asdict(config)
-
-
-def _section(kind: type[T], values: dict[str, Any], where: str) -> T:
-    hints = get_type_hints(kind)
-    known = {f.name: f for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    checked: dict[str, Any] = {}
-    for key, value in values.items():
-        if key not in known:
-            raise ConfigError(f"{where} unknown key {key!r}; known: {', '.join(known)}")
-        checked[key] = _checked(value, hints[key], known[key].metadata, f"{where} {key}")
-    return kind(**checked)
-
-
-def _checked(value: Any, kind: type, limits: Any, where: str) -> Any:
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    if type(value) is not kind:
-        raise ConfigError(f"{where} = {value!r} must be of type {kind.__name__}")
-    if "low" in limits and not limits["low"] <= value <= limits["high"]:
-        raise ConfigError(f"{where} = {value!r} is outside {limits['low']} .. {limits['high']}")
-    if "options" in limits and value not in limits["options"]:
-        raise ConfigError(f"{where} = {value!r} is not one of {', '.join(limits['options'])}")
-    return value

@@ -37,9 +37,9 @@ def test_the_papers_preset_has_the_papers_numbers() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[ppo]\ngama = 1.0", "mine.toml: ppo: unknown key 'gama'; known: advantage"),
-        ("[ppo]\ngamma = 1.5", r"ppo: gamma = 1.5 is outside 0.0 .. 1.0"),
-        ("[ppo]\nepochs = 1.5", "ppo: epochs = 1.5 must be a whole number"),
+        ("[ppo]\ngama = 1.0", r"mine.toml: \[ppo\] unknown key 'gama'; known: advantage"),
+        ("[ppo]\ngamma = 1.5", r"\[ppo\] gamma = 1.5 is outside 0.0 .. 1.0"),
+        ("[ppo]\nepochs = 1.5", r"\[ppo\] epochs = 1.5 must be of type int"),
         ('[network]\nkind = "mlp"', "'mlp' is not one of graphsage, paper_network, gcn"),
         ("episodes = []", "is empty"),
         ("[[episodes]]\nagents = [9, 3]", r"agents = \[9, 3\] must be \[least, most\]"),

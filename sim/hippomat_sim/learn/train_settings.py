@@ -6,38 +6,22 @@ Every number has a range; an unknown key or a value outside its range is refused
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any
 
 from hippomat_core.errors import ConfigError
+from hippomat_core.settings_tree import choice, number, parse_toml, read_table
 from hippomat_sim.learn.settings import EnvSettings
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
-T = TypeVar("T")
-_WORD = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
-
-
-def _number(default: float, low: float, high: float) -> Any:
-    return field(default=default, metadata={"low": low, "high": high})
-
-
-def _choice(default: str, *options: str) -> Any:
-    return field(default=default, metadata={"options": options})
 
 
 @dataclass(frozen=True, slots=True)
 class NetworkSettings:
     """Which network is trained, and the options that its own settings take."""
 
-    kind: str = _choice("graphsage", "graphsage", "paper_network", "gcn")
+    kind: str = choice("graphsage", "graphsage", "paper_network", "gcn")
     options: dict[str, Any] = field(default_factory=dict)
 
 
@@ -45,14 +29,14 @@ class NetworkSettings:
 class EpisodeSettings:
     """One ingredient of the mixture. Every rollout draws an ingredient by share, then a fleet's size."""
 
-    share: float = _number(1.0, 0.0, 1e6)  # relative to the other ingredients
-    turnover: str = _choice("never", "never", "on_claim", "on_completion")
+    share: float = number(1.0, 0.0, 1e6)  # relative to the other ingredients
+    turnover: str = choice("never", "never", "on_claim", "on_completion")
     agents: tuple[int, ...] = field(default=(6, 14), metadata={"low": 1, "high": 64})  # least, most
     tasks: tuple[int, ...] = field(default=(0, 0), metadata={"low": 0, "high": 80})  # 0: as many as agents
-    fragment_steps: int = _number(1, 1, 100_000)  # steps of every copy in one rollout
-    episode_steps: int = _number(1, 1, 100_000)  # truncation
-    copies: int = _number(0, 0, 100_000)  # 0: as many as `edges` allow
-    edges: int = _number(50_000, 1, 100_000_000)  # agent-task pairs in a batch, where copies = 0
+    fragment_steps: int = number(1, 1, 100_000)  # steps of every copy in one rollout
+    episode_steps: int = number(1, 1, 100_000)  # truncation
+    copies: int = number(0, 0, 100_000)  # 0: as many as `edges` allow
+    edges: int = number(50_000, 1, 100_000_000)  # agent-task pairs in a batch, where copies = 0
 
     def sizes(self, agents: int) -> tuple[int, int]:
         """Least and most tasks for so many agents."""
@@ -68,31 +52,31 @@ class EpisodeSettings:
 class PpoSettings:
     """Proximal policy optimisation, and Adam. The defaults are the paper's."""
 
-    advantage: str = _choice("gae", "gae", "counterfactual")
-    reward: str = _choice("individual", "individual", "team")  # r_i(t), or R(t) for a central critic
-    gamma: float = _number(0.99, 0.0, 1.0)
-    gae_lambda: float = _number(0.95, 0.0, 1.0)
-    clip: float = _number(0.2, 0.0, 1.0)
-    epochs: int = _number(10, 1, 1000)  # passes over a batch, the paper's SGD iterations
-    minibatch: int = _number(0, 0, 10_000_000)  # snapshots; 0 = the whole batch
-    entropy: float = _number(0.05, 0.0, 10.0)
-    value_coefficient: float = _number(0.5, 0.0, 10.0)
+    advantage: str = choice("gae", "gae", "counterfactual")
+    reward: str = choice("individual", "individual", "team")  # r_i(t), or R(t) for a central critic
+    gamma: float = number(0.99, 0.0, 1.0)
+    gae_lambda: float = number(0.95, 0.0, 1.0)
+    clip: float = number(0.2, 0.0, 1.0)
+    epochs: int = number(10, 1, 1000)  # passes over a batch, the paper's SGD iterations
+    minibatch: int = number(0, 0, 10_000_000)  # snapshots; 0 = the whole batch
+    entropy: float = number(0.05, 0.0, 10.0)
+    value_coefficient: float = number(0.5, 0.0, 10.0)
     normalise_advantages: bool = True
-    learning_rate: float = _number(1e-5, 0.0, 1.0)
-    final_rate: float = _number(1.0, 0.0, 1.0)  # of learning_rate at the end; linear in between
+    learning_rate: float = number(1e-5, 0.0, 1.0)
+    final_rate: float = number(1.0, 0.0, 1.0)  # of learning_rate at the end; linear in between
     rate_factors: dict[str, float] = field(default_factory=dict)  # parameter name prefix -> factor
-    gradient_clip: float = _number(0.0, 0.0, 1e6)  # norm of one step; 0 = none
+    gradient_clip: float = number(0.0, 0.0, 1e6)  # norm of one step; 0 = none
 
 
 @dataclass(frozen=True, slots=True)
 class SignalSettings:
     """What the counterfactual advantage pays and what is taught beside it; costs in c_max (0 .. 1)."""
 
-    task_value: float = _number(1.0, 0.0, 100.0)  # V: must exceed the largest cost, which is 1
-    conflict: float = _number(0.08, 0.0, 100.0)  # lambda
-    dual_price: float = _number(0.0, 0.0, 1.0)  # share of the task's price that is added to its cost
-    clone_start: float = _number(0.0, 0.0, 1000.0)  # weight of cloning the optimal assignment, at the start
-    clone_end: float = _number(0.0, 0.0, 1000.0)  # and at the end; linear in between
+    task_value: float = number(1.0, 0.0, 100.0)  # V: must exceed the largest cost, which is 1
+    conflict: float = number(0.08, 0.0, 100.0)  # lambda
+    dual_price: float = number(0.0, 0.0, 1.0)  # share of the task's price that is added to its cost
+    clone_start: float = number(0.0, 0.0, 1000.0)  # weight of cloning the optimal assignment, at the start
+    clone_end: float = number(0.0, 0.0, 1000.0)  # and at the end; linear in between
     clone_head: dict[str, Any] = field(default_factory=dict)  # settings of the head while it is cloned
     alone: bool = False  # of ours: IPPO trains the learned part without its head, cloning the part with it
 
@@ -101,12 +85,12 @@ class SignalSettings:
 class BudgetSettings:
     """How long a run is, and how often it looks up. Schedules follow agent_steps, so that runs repeat."""
 
-    agent_steps: int = _number(10_000_000, 1, 10**12)
-    threads: int = _number(0, 0, 256)  # of torch; 0 = as many as there are cores, at most 2
-    checkpoint_s: float = _number(60.0, 0.0, 1e6)
-    evaluate_every: int = _number(100, 0, 1_000_000)  # updates; 0 = only at the end
+    agent_steps: int = number(10_000_000, 1, 10**12)
+    threads: int = number(0, 0, 256)  # of torch; 0 = as many as there are cores, at most 2
+    checkpoint_s: float = number(60.0, 0.0, 1e6)
+    evaluate_every: int = number(100, 0, 1_000_000)  # updates; 0 = only at the end
     evaluate_sizes: tuple[int, ...] = field(default=(5, 10, 20, 30), metadata={"low": 1, "high": 64})
-    evaluate_episodes: int = _number(64, 1, 100_000)
+    evaluate_episodes: int = number(64, 1, 100_000)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +103,7 @@ class TrainSettings:
     budget: BudgetSettings = field(default_factory=BudgetSettings)
     environment: EnvSettings = field(default_factory=EnvSettings)  # sizes and turnover come from episodes
     episodes: tuple[EpisodeSettings, ...] = (EpisodeSettings(),)
-    seed: int = _number(0, 0, 2**31 - 1)
+    seed: int = number(0, 0, 2**31 - 1)
 
 
 def presets() -> list[str]:
@@ -145,16 +129,12 @@ def load_train_settings(preset_or_file: str) -> TrainSettings:
 
 def parse_train_settings(text: str, name: str) -> TrainSettings:
     """Settings of TOML text; ConfigError names file, section, key, value and range."""
-    try:
-        tree = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{name}: not valid TOML: {error}") from None
-    return settings_from_dict(tree, name)
+    return settings_from_dict(parse_toml(text, name), name)
 
 
 def settings_from_dict(tree: Mapping[str, Any], name: str) -> TrainSettings:
     """Settings of nested dictionaries (TOML, or a checkpoint's JSON)."""
-    settings = _table(TrainSettings, tree, name)
+    settings = read_table(TrainSettings, tree, f"{name}:")
     if not settings.episodes or not sum(episode.share for episode in settings.episodes) > 0.0:
         raise ConfigError(f"{name}: [[episodes]] is empty or has no share above 0: add one")
     for episode in settings.episodes:
@@ -168,39 +148,3 @@ def settings_from_dict(tree: Mapping[str, Any], name: str) -> TrainSettings:
 def settings_to_dict(settings: TrainSettings) -> dict[str, Any]:
     """The inverse of settings_from_dict."""
     return dataclasses.asdict(settings)
-
-
-def _table(kind: type[T], values: Any, where: str) -> T:
-    if not isinstance(values, Mapping):
-        raise ConfigError(f"{where} must be a table, found {values!r}")
-    hints = get_type_hints(kind)
-    known = {f.name: f for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    checked: dict[str, Any] = {}
-    for key, value in values.items():
-        if key not in known:
-            raise ConfigError(f"{where}: unknown key {key!r}; known: {', '.join(known)}")
-        checked[key] = _checked(value, hints[key], known[key].metadata, f"{where}: {key}")
-    return kind(**checked)
-
-
-def _checked(value: Any, kind: Any, limits: Mapping[str, Any], where: str) -> Any:
-    if dataclasses.is_dataclass(kind):
-        return _table(kind, value, where)  # type: ignore[arg-type]
-    if get_origin(kind) is tuple:
-        if not isinstance(value, (list, tuple)):
-            raise ConfigError(f"{where} = {value!r} must be a list")
-        return tuple(_checked(item, get_args(kind)[0], limits, where) for item in value)
-    if get_origin(kind) is dict:
-        if not isinstance(value, Mapping):
-            raise ConfigError(f"{where} = {value!r} must be a table")
-        of = get_args(kind)[1]
-        return {key: value[key] if of is Any else _checked(value[key], of, limits, where) for key in value}
-    if kind is float and type(value) is int:
-        value = float(value)
-    if type(value) is not kind:
-        raise ConfigError(f"{where} = {value!r} must be {_WORD.get(kind, kind)}")
-    if "low" in limits and not limits["low"] <= value <= limits["high"]:
-        raise ConfigError(f"{where} = {value!r} is outside {limits['low']} .. {limits['high']}")
-    if "options" in limits and value not in limits["options"]:
-        raise ConfigError(f"{where} = {value!r} is not one of {', '.join(limits['options'])}")
-    return value
