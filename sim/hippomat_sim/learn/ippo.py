@@ -11,6 +11,8 @@ it were alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import torch
@@ -33,6 +35,7 @@ from hippomat_sim.learn.rollout import Rollout
 from hippomat_sim.learn.train_settings import PpoSettings, SignalSettings
 
 _LITTLE = 1e-8
+_LEAST_EDGES = 5_000  # of a shard: below, threads cost more than they save
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,8 +77,12 @@ class Ippo:
         signals: SignalSettings,
         seed: int,
         device: torch.device,
+        threads: int = 1,
     ) -> None:
+        """threads: that share the passes over a batch; sums depend on them in their last bits."""
         self.network = network.to(device)
+        self.parameters = list(self.network.parameters())
+        self.threads, self.workers = threads, ThreadPoolExecutor(threads)
         self.settings, self.signals, self.device = settings, signals, device
         self.random = torch.Generator(device).manual_seed(seed)
         self.own_weights = bool(getattr(network, "independent", False))
@@ -99,9 +106,7 @@ class Ippo:
                 batch = replace(batch, optimal=None)
             for chosen in torch.split(self._order(len(batch)), size):
                 part = batch if len(chosen) == len(batch) else batch.rows(chosen)
-                loss, parts = self._loss(part, progress)
-                norm = self._step(loss)
-                for name, value in {**parts, "gradient": norm}.items():
+                for name, value in self._step(part, progress).items():
                     total, count = sums.get(name, (0.0, 0))
                     sums[name] = total + value.item(), count + 1
         return {name: total / count for name, (total, count) in sums.items()}
@@ -167,15 +172,31 @@ class Ippo:
         agents = batch.actions.shape[1] if self.own_weights else 1
         return {name: value.detach() / agents for name, value in losses.items()}
 
-    def _step(self, loss: Tensor) -> Tensor:
-        """One step of Adam; returns the norm of the gradient."""
-        self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
-        norm: Tensor = nn.utils.clip_grad_norm_(
-            self.network.parameters(), self.settings.gradient_clip or float("inf")
-        )
+    def _step(self, batch: Batch, progress: float) -> dict[str, Tensor]:
+        """One step of Adam on the mean of the shards' losses; returns the losses and the gradient's norm."""
+        shards = self._shards(batch)
+        descents = list(self.workers.map(lambda shard: self._descent(shard, progress), shards))
+        weights = [len(shard) / len(batch) for shard in shards]
+        for index, parameter in enumerate(self.parameters):
+            parameter.grad = _weighted(weights, [gradients[index] for gradients, _ in descents])
+        norm = nn.utils.clip_grad_norm_(self.parameters, self.settings.gradient_clip or float("inf"))
         self.optimiser.step()
-        return norm
+        losses = {name: _weighted(weights, [parts[name] for _, parts in descents]) for name in descents[0][1]}
+        return {**losses, "gradient": norm}
+
+    def _shards(self, batch: Batch) -> list[Batch]:
+        """Equal parts, one for each thread where there is enough for it to do."""
+        edges = batch.inputs.costs_q.numel()
+        count = max(1, min(self.threads, edges // _LEAST_EDGES, len(batch)))
+        if count == 1:
+            return [batch]
+        return [batch.rows(rows) for rows in torch.arange(len(batch), device=self.device).chunk(count)]
+
+    def _descent(self, batch: Batch, progress: float) -> tuple[Sequence[Tensor], dict[str, Tensor]]:
+        """The loss's gradient by every parameter, and its parts. The parameters keep theirs."""
+        loss, parts = self._loss(batch, progress)
+        used = torch.autograd.grad(loss, self.parameters, allow_unused=True, materialize_grads=True)
+        return used, parts
 
     @torch.no_grad()
     def _batch(self, rollout: Rollout, progress: float) -> Batch:
@@ -259,3 +280,8 @@ class Ippo:
         fall = 1.0 + (self.settings.final_rate - 1.0) * progress
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.learning_rate * fall * group["factor"]
+
+
+def _weighted(weights: Sequence[float], parts: Sequence[Tensor]) -> Tensor:
+    """Their sum, always in the same order."""
+    return torch.stack([weight * part for weight, part in zip(weights, parts, strict=True)]).sum(dim=0)

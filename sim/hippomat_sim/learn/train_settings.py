@@ -86,7 +86,7 @@ class BudgetSettings:
     """How long a run is, and how often it looks up. Schedules follow agent_steps, so that runs repeat."""
 
     agent_steps: int = number(10_000_000, 1, 10**12)
-    threads: int = number(0, 0, 256)  # of torch; 0 = as many as there are cores, at most 2
+    threads: int = number(0, 0, 256)  # of the learner; 0 = as many as there are cores, at most 4
     checkpoint_s: float = number(60.0, 0.0, 1e6)
     evaluate_every: int = number(100, 0, 1_000_000)  # updates; 0 = only at the end
     evaluate_sizes: tuple[int, ...] = field(default=(5, 10, 20, 30), metadata={"low": 1, "high": 64})

@@ -30,7 +30,7 @@ from hippomat_sim.learn.training_log import TrainingLog
 from hippomat_sim.learn.world_pool import WorldPool
 
 Row = dict[str, Any]
-_MOST_THREADS = 2  # the tensors are small: more threads wait for one another
+_MOST_THREADS = 4
 
 
 @dataclass(slots=True)
@@ -44,16 +44,16 @@ class Clock:
 
 
 class Training:
-    """One run in `folder`. threads: of torch, settled once, because sums depend on it in their last bits."""
+    """One run in `folder`. threads: of the learner, settled once: sums depend on them in their last bits."""
 
     def __init__(
         self, settings: TrainSettings, pool: WorldPool, folder: Path, device: torch.device, threads: int = 0
     ) -> None:
         self.settings, self.pool, self.folder, self.device = settings, pool, folder, device
         self.threads = threads or settings.budget.threads or min(os.cpu_count() or 1, _MOST_THREADS)
-        torch.set_num_threads(self.threads)
+        torch.set_num_threads(1)  # an operation is small: whole passes are shared out instead
         self.network = fresh_network(settings)
-        self.ippo = Ippo(self.network, settings.ppo, settings.signals, settings.seed, device)
+        self.ippo = Ippo(self.network, settings.ppo, settings.signals, settings.seed, device, self.threads)
         self.collector = Collector(settings, pool)
         self.clock = Clock()
         budget = settings.budget
