@@ -117,3 +117,8 @@ def test_bytes_that_are_no_policy_are_refused(data: bytes, message: str):
 def test_a_policy_that_does_not_fit_names_tensor_or_setting(data: bytes, message: str):
     with pytest.raises(ConfigError, match=message):
         make_allocator("graphsage", data, 3, 4)
+
+
+def test_a_setting_larger_than_any_float_is_refused():
+    with pytest.raises(ConfigError, match="too large"):
+        load_graphsage(read_policy(changed(settings={**SMALL.as_dict(), "tau_first": 10**400})))

@@ -59,14 +59,17 @@ class GraphSageSettings:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> GraphSageSettings:
-        """ConfigError names a setting that is unknown or of another type."""
+        """ConfigError names a setting that is unknown or of another type, or too large."""
         types = {name: type(default) for name, default in asdict(cls()).items()}
         for name, value in values.items():
             if name not in types:
                 raise ConfigError(f"policy setting {name!r} is unknown; known: {', '.join(types)}")
             if not _fits(value, types[name]):
                 raise ConfigError(f"policy setting {name} = {value!r} is not {types[name].__name__}")
-        return cls(**{name: types[name](value) for name, value in values.items()})
+        try:
+            return cls(**{name: types[name](value) for name, value in values.items()})
+        except OverflowError:  # JSON knows integers that no float holds
+            raise ConfigError("a policy setting is too large a number: export the policy again") from None
 
 
 _RANGES = (
