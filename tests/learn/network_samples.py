@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from hippomat_core.allocation.graphsage import GraphSage, load_graphsage
-from hippomat_core.allocation.graphsage_settings import GraphSageSettings
+from hippomat_core.allocation.graphsage_settings import AGE, GraphSageSettings
 from hippomat_core.allocation.policy_file import PolicyFile, read_policy
 from hippomat_sim.learn.networks import PolicyNetwork
 from hippomat_sim.learn.networks.graphsage import GraphSageNetwork
@@ -51,12 +51,14 @@ def mixed_batch(random: np.random.Generator, count: int, agents: int, tasks: int
 
 
 def edge_network(seed: int = 0, **settings: object) -> GraphSageNetwork:
-    """With random weights everywhere, also in the last layer."""
+    """With random weights everywhere, also where training begins with zeros."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         network = GraphSageNetwork(GraphSageSettings.from_dict(settings))
         for parameter in network.out.parameters():
             torch.nn.init.normal_(parameter, std=0.3)
+        with torch.no_grad():
+            network.edge_in.weight[:, AGE] = torch.randn(network.settings.hidden) * 0.2
     return network
 
 

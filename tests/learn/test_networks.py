@@ -304,3 +304,11 @@ def test_unknown_networks_and_settings_are_refused_by_name():
         make_network("gcn", {"depth": 3}, 2, 2)
     with pytest.raises(ConfigError, match="policy_input = 'x'"):
         make_network("paper_network", {"policy_input": "x"}, 2, 2)
+
+
+def test_the_age_of_a_row_changes_nothing_until_a_training_teaches_it():
+    network, batch = edge_network(seed=1), mixed_batch(np.random.default_rng(5), 20, 6, 8)
+    fresh = GraphSageNetwork()
+    fresh.out.load_state_dict(network.out.state_dict())
+    aged = replace(batch, ages_rounds=batch.ages_rounds + np.float32(0.7))
+    assert torch.equal(fresh(policy_inputs(batch)), fresh(policy_inputs(aged)))

@@ -13,6 +13,7 @@ from hippomat_core.errors import ConfigError
 
 FRACTION = 1.0 / FULL_SCALE  # cost in c_max = (code x FRACTION)^2
 FEATURES = 10  # of an edge, in the order of edge_features
+AGE = 8  # the one of them that says how old the row is
 NEAREST = 3  # the scale is the mean of every row's so many smallest costs
 LEAST_SCALE = 1e-4  # of c_max: below the cost of code 3, where rounding is all there is
 COST_SPAN, DIFFERENCE_SPAN, RATIO_SPAN, AGE_SPAN_ROUNDS = (

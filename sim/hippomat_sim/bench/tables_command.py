@@ -28,6 +28,7 @@ from hippomat_sim.bench.tables_run import run as measure_all
 from hippomat_sim.bench.tables_sections import sections_of
 from hippomat_sim.bench.tables_show import show
 from hippomat_sim.bench.tables_store import STORE_NAME, Store
+from hippomat_sim.bench.tables_training import trained_networks
 from hippomat_sim.learn.method_registry import METHODS, Sources, policy_manifest, run_of
 from hippomat_sim.learn.pool_bar import make_pool_shown
 from hippomat_sim.learn.runs import Fleet, Run, missing
@@ -84,8 +85,8 @@ def report(plan: Plan, bench: Bench, output: Output) -> int:
     manifest = policy_manifest(bench.sources)
     goals = goals_of(book, plan.episodes, manifest)
     untrained, curves = _missing(results), _curves(bench.sources.runs, output.directory)
-    sections = sections_of(book, goals, untrained, curves)
-    written = _write(output.directory, preface(plan, bench, results), sections, book)
+    sections = [*sections_of(book, goals, untrained, curves), trained_networks(bench.sources)]
+    written = _write(output.directory, preface(plan, bench), sections, book)
     whole = as_json(_settings(plan, results), book.figures, goals, untrained)
     (output.directory / JSON).write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
     met = not any(goal.missed for goal in goals)

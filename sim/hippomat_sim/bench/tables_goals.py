@@ -130,6 +130,8 @@ def _continuous(judge: _Judge) -> Iterator[Goal]:
     for size in kinds.AGENTS:
         name = f"continuous, N = {size}"
         yield judge.goal(f"{name}: CF", (kind, "cf", OURS, size, tasks), LEAST_CF, True)
+        where = (kind, "cf", LOOKING_AHEAD, size, tasks)
+        yield judge.goal(f"{name}, looking ahead: CF", where, LEAST_CF, True)
         where = (kind, "agent_s_over", OURS, size, tasks)
         yield judge.goal(f"{name}: agent-seconds above Hungarian", where, MOST_AGENT_S_OVER, False)
     for size in kinds.AGENTS[1:]:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator
 from pathlib import Path
 
 from hippomat_sim.bench.tables_cells import Plan
-from hippomat_sim.bench.tables_run import STEP_S, STEPS, WARM_UP_STEPS, Bench, Results
+from hippomat_sim.bench.tables_run import STEP_S, STEPS, WARM_UP_STEPS, Bench
 from hippomat_sim.bench.tables_stats import RESAMPLES
 
 TITLE = "Results"
@@ -27,10 +26,10 @@ smallest (cost, id) wins. Continuous tasks run in steps of {step:g} s, {steps} o
 the same for every method, so that differences are paired). A decision time is a median, on {machine}."""
 
 
-def preface(plan: Plan, bench: Bench, results: Results) -> str:
+def preface(plan: Plan, bench: Bench) -> str:
     """Markdown."""
     world = bench.world
-    text = _TEXT.format(
+    return _TEXT.format(
         worlds=world.worlds,
         size=" x ".join(map(str, world.size_m)),
         obstacles=world.obstacles,
@@ -44,7 +43,6 @@ def preface(plan: Plan, bench: Bench, results: Results) -> str:
         resamples=RESAMPLES,
         machine=_machine(),
     )
-    return "\n\n".join([text, *_weights(results)])
 
 
 def _machine() -> str:
@@ -55,9 +53,3 @@ def _machine() -> str:
         lines = []
     named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return next(named, platform.machine())
-
-
-def _weights(results: Results) -> Iterator[str]:
-    if results.fingerprints:
-        named = (f"{name} `{value[:12]}`" for name, value in sorted(results.fingerprints.items()))
-        yield f"Weights: {', '.join(named)}."

@@ -79,7 +79,8 @@ class Ippo:
         device: torch.device,
         threads: int = 1,
     ) -> None:
-        """threads: that share the passes over a batch; sums depend on them in their last bits."""
+        """threads: that share the passes over a batch, each with the means of its own share; they are part of
+        what a run is."""
         self.network = network.to(device)
         self.parameters = list(self.network.parameters())
         self.threads, self.workers = threads, ThreadPoolExecutor(threads)
@@ -173,7 +174,7 @@ class Ippo:
         return {name: value.detach() / agents for name, value in losses.items()}
 
     def _step(self, batch: Batch, progress: float) -> dict[str, Tensor]:
-        """One step of Adam on the mean of the shards' losses; returns the losses and the gradient's norm."""
+        """One step of Adam on the shards' losses, weighted by size; returns them and the gradient's norm."""
         shards = self._shards(batch)
         descents = list(self.workers.map(lambda shard: self._descent(shard, progress), shards))
         weights = [len(shard) / len(batch) for shard in shards]

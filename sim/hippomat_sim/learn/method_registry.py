@@ -108,7 +108,7 @@ def _ours(untrained: bool = False, **changes: bool) -> Callable[[Fleet, Sources]
     """The shipped policy with other options. untrained: what it was before training, the head alone."""
 
     def make(_fleet: Fleet, sources: Sources) -> Method:
-        file = read_policy(_our_policy(sources), "graphsage")
+        file = read_policy(our_policy(sources), "graphsage")
         tensors = dict(file.tensors)
         if untrained:  # training begins with an output layer of zeros
             tensors |= {name: np.zeros_like(tensors[name]) for name in ("out.weight", "out.bias")}
@@ -120,11 +120,12 @@ def _ours(untrained: bool = False, **changes: bool) -> Callable[[Fleet, Sources]
 
 def policy_manifest(sources: Sources) -> dict[str, Any]:
     """`training` and `metrics` of our policy's file."""
-    file = read_policy(_our_policy(sources), "graphsage")
+    file = read_policy(our_policy(sources), "graphsage")
     return {"training": file.training, "metrics": file.metrics}
 
 
-def _our_policy(sources: Sources) -> bytes:
+def our_policy(sources: Sources) -> bytes:
+    """The file of our weights: the packaged one unless another was given."""
     if sources.policy is None:
         return packaged_policy()
     if not sources.policy.is_file():

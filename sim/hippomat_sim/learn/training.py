@@ -44,7 +44,7 @@ class Clock:
 
 
 class Training:
-    """One run in `folder`. threads: of the learner, settled once: sums depend on them in their last bits."""
+    """One run in `folder`. threads: of the learner, settled once, because the weights depend on them."""
 
     def __init__(
         self, settings: TrainSettings, pool: WorldPool, folder: Path, device: torch.device, threads: int = 0

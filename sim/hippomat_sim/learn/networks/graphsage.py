@@ -21,6 +21,7 @@ import torch
 from torch import Tensor, nn
 
 from hippomat_core.allocation.graphsage_settings import (
+    AGE,
     FEATURES,
     LOGIT_SPAN,
     PRICE_SIZE,
@@ -70,6 +71,8 @@ class GraphSageNetwork(PolicyNetwork):
         self.out = nn.Linear(width, 3)  # score, price, weight of the price
         self.value_in = nn.Linear(3 * width, hidden)
         self.value_out = nn.Linear(hidden, 1)
+        with torch.no_grad():  # what training without losses never shows has to say nothing
+            self.edge_in.weight[:, AGE] = 0.0
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)
 
