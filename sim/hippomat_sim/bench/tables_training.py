@@ -14,8 +14,8 @@ _COLUMNS = ("weights", "agent-steps", "updates", "minutes", "entropy coefficient
 _TEXT = (
     "The paper's networks are built for one fleet size, so each size has a run of its own: "
     "PRESET_TURNOVER_NxM. An agent-step is one decision of one agent. The paper does not say how long it "
-    "trained; where the updates here are few, the tables show a network that has hardly begun to learn. The learner's "
-    "speed among the goals counts every pass over a batch."
+    "trained; where the updates here are few, the tables show a network that has hardly begun to learn. The "
+    "learner's speed among the goals counts every pass over a batch."
 )
 
 
