@@ -32,6 +32,7 @@ def best_slots(costs_q: Codes, eligible: Flags, promisable: Flags | None = None)
         ahead = np.asarray(promisable.any(axis=(1, 2)))
         without[ahead] = _wait(costs_q[ahead], eligible[ahead], promisable[ahead])
         eligible = eligible | promisable
+        ties = ties + promisable * 2**TIE_BITS
     slots, _ = _solve(np.where(eligible, units(costs_q) * UNIT + ties, FORBIDDEN), without)
     return slots
 
