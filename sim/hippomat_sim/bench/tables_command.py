@@ -20,7 +20,7 @@ from hippomat_sim.bench import tables_cells as kinds
 from hippomat_sim.bench.tables_cells import PARTS, Plan
 from hippomat_sim.bench.tables_figures import figures_of
 from hippomat_sim.bench.tables_files import as_csv, as_json, as_markdown
-from hippomat_sim.bench.tables_goals import goals_of, verdict
+from hippomat_sim.bench.tables_goals import OURS, goals_of, verdict
 from hippomat_sim.bench.tables_layout import Book, Section
 from hippomat_sim.bench.tables_preface import TITLE, preface
 from hippomat_sim.bench.tables_run import TEST_SPLIT, Bench, Results, fleet_of
@@ -82,7 +82,8 @@ def report(plan: Plan, bench: Bench, output: Output) -> int:
     output.directory.mkdir(parents=True, exist_ok=True)
     results = _measure(plan, bench, Store(output.directory, fresh=not output.resume), output.jobs)
     book = _book(results)
-    manifest = policy_manifest(bench.sources)
+    ours = any(method.startswith(OURS) for method in plan.methods)
+    manifest = policy_manifest(bench.sources) if ours else {}
     goals = goals_of(book, plan.episodes, manifest)
     untrained, curves = _missing(results), _curves(bench.sources.runs, output.directory)
     sections = [*sections_of(book, goals, untrained, curves), trained_networks(bench.sources)]

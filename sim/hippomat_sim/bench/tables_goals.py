@@ -64,7 +64,7 @@ def _training(manifest: Mapping[str, Any]) -> Iterator[Goal]:
         reason = ""
     except (KeyError, TypeError, ZeroDivisionError):
         spent_s = learned = float("nan")
-        reason = "the policy's file does not say"
+        reason = "not measured"
     yield Goal("training of our policy", spent_s / 60.0, MOST_TRAINING_MIN, False, "min", reason)
     name = "learner, agent-steps of every pass over a batch"
     yield Goal(name, learned, LEAST_LEARNED_PER_S, True, "1/s", reason)
