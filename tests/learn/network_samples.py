@@ -58,7 +58,7 @@ def edge_network(seed: int = 0, **settings: object) -> GraphSageNetwork:
         for parameter in network.out.parameters():
             torch.nn.init.normal_(parameter, std=0.3)
         with torch.no_grad():
-            network.edge_in.weight[:, AGE] = torch.randn(network.settings.hidden) * 0.2
+            network.edge_in.weight[:, AGE] = torch.randn(network.settings.hidden) * 0.1
     return network
 
 
