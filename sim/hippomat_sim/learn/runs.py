@@ -48,9 +48,9 @@ class Run:
     def settings(self, agent_steps: int | None = None) -> TrainSettings:
         """The preset's, for this fleet. agent_steps: another length of the run."""
         preset = load_train_settings(self.preset)
-        usual = LONG_STEPS.get(self.name, SHORT_STEPS.get(self.preset, preset.budget.agent_steps))
-        if self.fleet is None:
-            usual = preset.budget.agent_steps
+        usual = preset.budget.agent_steps
+        if self.fleet is not None:
+            usual = LONG_STEPS.get(self.name, SHORT_STEPS.get(self.preset, usual))
         budget = replace(preset.budget, agent_steps=agent_steps or usual)
         if self.fleet is None:
             return replace(preset, budget=budget)

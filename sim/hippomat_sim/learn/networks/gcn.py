@@ -17,13 +17,14 @@ from hippomat_core.allocation.paper_network import HIDDEN
 from hippomat_sim.learn.networks.inputs import PolicyInputs
 from hippomat_sim.learn.networks.layers import AgentMlp
 from hippomat_sim.learn.networks.masks import masked, valid_actions
-from hippomat_sim.learn.networks.network import PolicyNetwork, exported
+from hippomat_sim.learn.networks.network import PolicyNetwork
 
 
 class GcnNetwork(PolicyNetwork):
     """The critic takes the concatenated x of all agents: built for one N and one M."""
 
     network = "gcn"
+    training_only = "critic."
 
     def __init__(self, agents: int, tasks: int, embedding: int = 64) -> None:
         super().__init__()
@@ -51,13 +52,3 @@ class GcnNetwork(PolicyNetwork):
 
     def settings_dict(self) -> dict[str, Any]:
         return {"embedding": self.embedding}
-
-    def to_tensors(self) -> dict[str, Tensor]:
-        kept = (item for item in self.state_dict().items() if not item[0].startswith("critic."))
-        return {key: exported(value) for key, value in kept}
-
-    @torch.no_grad()
-    def load_tensors(self, tensors: dict[str, Tensor]) -> None:
-        own = self.state_dict()
-        for key in self.to_tensors():
-            own[key].copy_(tensors[key])

@@ -33,7 +33,7 @@ from hippomat_sim.learn.networks.edges import Edges, edge_features, edges_of
 from hippomat_sim.learn.networks.head import NOTHING, net_offers
 from hippomat_sim.learn.networks.inputs import PolicyInputs
 from hippomat_sim.learn.networks.masks import masked
-from hippomat_sim.learn.networks.network import PolicyNetwork, exported
+from hippomat_sim.learn.networks.network import PolicyNetwork
 
 
 class Hop(nn.Module):
@@ -60,6 +60,7 @@ class Hop(nn.Module):
 
 class GraphSageNetwork(PolicyNetwork):
     network = "graphsage"
+    training_only = "value_"
 
     def __init__(self, settings: GraphSageSettings | None = None) -> None:
         super().__init__()
@@ -134,13 +135,3 @@ class GraphSageNetwork(PolicyNetwork):
 
     def settings_dict(self) -> dict[str, Any]:
         return self.settings.as_dict()
-
-    def to_tensors(self) -> dict[str, Tensor]:
-        kept = (item for item in self.state_dict().items() if not item[0].startswith("value_"))
-        return {key: exported(value) for key, value in kept}
-
-    @torch.no_grad()
-    def load_tensors(self, tensors: dict[str, Tensor]) -> None:
-        own = self.state_dict()
-        for key in self.to_tensors():
-            own[key].copy_(tensors[key])

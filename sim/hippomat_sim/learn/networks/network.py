@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+import torch
 from torch import Tensor, nn
 
 from hippomat_sim.learn.networks.inputs import PolicyInputs
@@ -16,6 +17,7 @@ class PolicyNetwork(nn.Module):
     """
 
     network: ClassVar[str]  # its name in presets and policy files
+    training_only: ClassVar[str] = ""  # parameters whose names begin so are not exported; empty: all are
 
     def evaluate(self, inputs: PolicyInputs) -> tuple[Tensor, Tensor]:
         """Logits (B, N, M + 1) and values (B, N), sharing what both need."""
@@ -40,11 +42,16 @@ class PolicyNetwork(nn.Module):
 
     def to_tensors(self) -> dict[str, Tensor]:
         """The policy's tensors under the core's keys, detached, on the CPU, float32."""
-        raise NotImplementedError
+        left = self.training_only
+        kept = (item for item in self.state_dict().items() if not (left and item[0].startswith(left)))
+        return {key: exported(value) for key, value in kept}
 
+    @torch.no_grad()
     def load_tensors(self, tensors: dict[str, Tensor]) -> None:
         """Takes over what `to_tensors` gave; whatever else the network has stays as it is."""
-        raise NotImplementedError
+        own = self.state_dict()
+        for key in self.to_tensors():
+            own[key].copy_(tensors[key])
 
 
 def exported(tensor: Tensor) -> Tensor:
