@@ -87,7 +87,7 @@ class Ippo:
         self.settings, self.signals, self.device = settings, signals, device
         self.random = torch.Generator(device).manual_seed(seed)
         self.own_weights = bool(getattr(network, "independent", False))
-        self.optimiser = torch.optim.Adam(self._groups(), lr=settings.learning_rate)
+        self.optimiser = torch.optim.Adam(self._groups(), lr=settings.learning_rate, fused=True)
 
     @torch.no_grad()
     def act(self, problems: ProblemBatch) -> tuple[Tensor, Tensor]:
