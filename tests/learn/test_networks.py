@@ -149,7 +149,7 @@ def test_edge_features_are_those_worked_out_by_hand():
         [far / 4, far - near, -4.0, far / 4, near / 4, 1.0, once, 1.0, 0.0, 0.0],
         [0.0] * 10,
     ]
-    np.testing.assert_allclose(edge_features(edges)[0].reshape(4, 10).numpy(), expected, atol=1e-6)
+    np.testing.assert_allclose(edge_features(edges)[:, 0].reshape(10, 4).T.numpy(), expected, atol=1e-6)
 
 
 def test_a_hop_is_the_one_worked_out_by_hand():

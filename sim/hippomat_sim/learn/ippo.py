@@ -201,20 +201,24 @@ class Ippo:
 
     @torch.no_grad()
     def _batch(self, rollout: Rollout, progress: float) -> Batch:
-        inputs = policy_inputs(rollout.problems, self.device)
+        inputs = policy_inputs(rollout.views, self.device)
         acting = inputs.eligible.any(dim=2)
         returns = None
         if self.settings.advantage == "gae":
             advantages, returns = self._generalised(rollout, inputs)
         else:
-            advantages = self._counterfactual(rollout, inputs)
+            advantages = self._counterfactual(rollout)
+        optimal = self._slots(rollout.problems) + 1 if self._clone_weight(progress) > 0.0 else None
+        actions = rollout.actions
+        if rollout.own is not None:  # everybody decides for itself, on its own view
+            mine = nn.functional.one_hot(rollout.own, actions.shape[1]).bool().to(self.device)
+            acting = acting & mine
+            actions, advantages = _to_views(actions, mine), _to_views(advantages, mine)
+            optimal = None if optimal is None else _to_views(optimal, mine)
         if self.settings.normalise_advantages:
             advantages = self._normalised(advantages, acting)
-        log_probs = torch.log_softmax(rollout.logits, dim=2).gather(2, rollout.actions[..., None])[..., 0]
-        optimal = None
-        if self._clone_weight(progress) > 0.0:
-            optimal = self._slots(rollout.problems) + 1
-        return Batch(inputs, acting, rollout.actions, log_probs, advantages, returns, optimal)
+        log_probs = torch.log_softmax(rollout.logits, dim=2).gather(2, actions[..., None])[..., 0]
+        return Batch(inputs, acting, actions, log_probs, advantages, returns, optimal)
 
     def _generalised(self, rollout: Rollout, inputs: PolicyInputs) -> tuple[Tensor, Tensor]:
         """Advantages and returns, (T E, N)."""
@@ -233,9 +237,11 @@ class Ippo:
         advantages = generalised_advantages(rewards, values, following, terminated, ended, gamma, gae_lambda)
         return advantages.flatten(0, 1), (advantages + values).flatten(0, 1)
 
-    def _counterfactual(self, rollout: Rollout, inputs: PolicyInputs) -> Tensor:
-        """(T E, N). Busy agents count as claiming what the optimum promises them: looking ahead pays."""
+    def _counterfactual(self, rollout: Rollout) -> Tensor:
+        """(T E, N), paid by the costs as they were. Busy agents count as claiming what the optimum promises
+        them: looking ahead pays."""
         signals = self.signals
+        inputs = policy_inputs(rollout.problems, self.device)
         costs = torch.square(inputs.costs_q.float() / FULL_SCALE)
         if signals.dual_price > 0.0:
             eligible = inputs.eligible.cpu().numpy()
@@ -246,7 +252,11 @@ class Ippo:
             claims = torch.where(inputs.busy, self._slots(rollout.problems) + 1, claims)
         pay = Payment(signals.task_value, signals.conflict)
         payments = counterfactual_payments(costs, inputs.eligible, claims, pay)
-        return counterfactual_advantages(payments, torch.softmax(rollout.logits, dim=2), rollout.actions)
+        logits = rollout.logits
+        if rollout.own is not None:
+            agents = claims.shape[1]
+            logits = logits.view(-1, agents, agents, logits.shape[2]).diagonal(dim1=1, dim2=2).mT
+        return counterfactual_advantages(payments, torch.softmax(logits, dim=2), rollout.actions)
 
     def _slots(self, problems: ProblemBatch) -> Tensor:
         """(B, N) slot of every agent in the optimal assignment that looks ahead, -1 = none."""
@@ -281,6 +291,11 @@ class Ippo:
         fall = 1.0 + (self.settings.final_rate - 1.0) * progress
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.learning_rate * fall * group["factor"]
+
+
+def _to_views(figures: Tensor, mine: Tensor) -> Tensor:
+    """(T E, N) of the agents -> (T E N, N) of their views, 0 where the view is another one's."""
+    return figures.repeat_interleave(figures.shape[1], dim=0) * mine
 
 
 def _weighted(weights: Sequence[float], parts: Sequence[Tensor]) -> Tensor:

@@ -101,7 +101,7 @@ def _wait(cost: Tensor, own: Tensor, column_in: Tensor, factor: float) -> Tensor
 
 
 def edge_features(edges: Edges) -> Tensor:
-    """(B, N, M, FEATURES); 0 where not valid."""
+    """(FEATURES, B, N, M) float32; 0 where not valid."""
     cost = edges.cost.float().masked_fill(~edges.valid, _INFINITE)
     row_least, other_task = _least_and_other(cost, edges.row_rank, 2)
     column_least, other_agent = _least_and_other(cost, edges.column_rank, 1)
@@ -118,8 +118,7 @@ def edge_features(edges: Edges) -> Tensor:
         (edges.ages_rounds.clamp(max=AGE_SPAN_ROUNDS) / 10.0)[:, :, None],
         edges.busy.to(cost.dtype)[:, :, None],
     )
-    stacked = torch.stack([plane.expand_as(cost) for plane in planes], dim=3)
-    return stacked.masked_fill(~edges.valid[..., None], 0.0)
+    return torch.stack([plane.expand_as(cost) for plane in planes]).masked_fill(~edges.valid, 0.0)
 
 
 def _ranks(cost: Tensor, dim: int) -> Tensor:
