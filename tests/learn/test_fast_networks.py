@@ -14,7 +14,7 @@ from network_samples import edge_network, mixed_batch
 
 from hippomat_core.allocation.graphsage_settings import GraphSageSettings
 from hippomat_sim.learn.networks import policy_inputs, trunk
-from hippomat_sim.learn.networks.edges import Edges, edges_of
+from hippomat_sim.learn.networks.edges import SeenEdges, seen_edges
 from hippomat_sim.learn.networks.graphsage import GraphSageNetwork
 from hippomat_sim.learn.networks.head import fast_prices, market_of, prices
 
@@ -23,12 +23,12 @@ SHORT = GraphSageSettings(head_steps=16, tau_first=0.1, tau_last=0.005)  # as it
 SHIPPED = GraphSageSettings()
 
 
-def some_edges(seed: int, shape: tuple[int, int, int]) -> Edges:
+def some_edges(seed: int, shape: tuple[int, int, int]) -> SeenEdges:
     problems = mixed_batch(np.random.default_rng(seed), *shape)
-    return edges_of(policy_inputs(problems), SHIPPED)
+    return seen_edges(policy_inputs(problems), SHIPPED)
 
 
-def plainly(network: GraphSageNetwork, edges: Edges) -> torch.Tensor:
+def plainly(network: GraphSageNetwork, edges: SeenEdges) -> torch.Tensor:
     """What `learned` gives, in torch's operations."""
     said: torch.Tensor = network.out(network.embeddings(edges))
     return said.permute(3, 0, 1, 2)
@@ -43,7 +43,7 @@ def gradients(network: GraphSageNetwork, said: torch.Tensor, weights: torch.Tens
 @settings(max_examples=60, deadline=None)
 def test_the_hops_are_those_of_torch(seed: int, shape: tuple[int, int, int], hops: int) -> None:
     network, edges = edge_network(seed, hops=hops), some_edges(seed, shape)
-    valid = edges.valid.expand(3, -1, -1, -1)
+    valid = edges.edges.valid.expand(3, -1, -1, -1)
     torch.testing.assert_close(
         network.learned(edges)[valid].double(),
         plainly(network.with_settings().double(), edges)[valid],
@@ -56,7 +56,7 @@ def test_the_hops_are_those_of_torch(seed: int, shape: tuple[int, int, int], hop
 @settings(max_examples=40, deadline=None)
 def test_the_gradients_of_the_hops_are_those_of_torch(seed: int, shape: tuple[int, int, int]) -> None:
     network, edges = edge_network(seed, hops=2), some_edges(seed, shape)
-    weights = torch.randn(3, *shape, generator=torch.Generator().manual_seed(seed)) * edges.valid
+    weights = torch.randn(3, *shape, generator=torch.Generator().manual_seed(seed)) * edges.edges.valid
     fast = gradients(network, network.learned(edges), weights)
     exact = network.with_settings().double()
     for one, other in zip(fast, gradients(exact, plainly(exact, edges), weights), strict=True):
@@ -82,7 +82,7 @@ def test_the_size_of_a_block_does_not_matter(block_edges: int) -> None:
 def test_the_heads_prices_and_their_gradient_are_those_of_torch(
     seed: int, shape: tuple[int, int, int], head: GraphSageSettings
 ) -> None:
-    market = market_of(some_edges(seed, shape))
+    market = market_of(some_edges(seed, shape).edges)
     random = torch.Generator().manual_seed(seed)
     first = torch.randn(shape[0], shape[2] + 1, generator=random, dtype=torch.float64).requires_grad_()
     weights = torch.randn(first.shape, generator=random, dtype=torch.float64)

@@ -101,13 +101,13 @@ class Ippo:
         batch = self._batch(rollout, progress)
         self._set_rate(progress)
         size = self.settings.minibatch or len(batch)
+        whole = self._shards(batch) if size >= len(batch) else None  # each pass takes them again
         sums: dict[str, tuple[float, int]] = {}
         for epoch in range(self.settings.epochs):
-            if epoch == 1:  # the unrolled head costs as much as all else: once per batch
-                batch = replace(batch, optimal=None)
+            cloning = epoch == 0  # once per batch
             for chosen in torch.split(self._order(len(batch)), size):
-                part = batch if len(chosen) == len(batch) else batch.rows(chosen)
-                for name, value in self._step(part, progress).items():
+                shards = whole or self._shards(batch.rows(chosen))
+                for name, value in self._step(shards, progress, cloning).items():
                     total, count = sums.get(name, (0.0, 0))
                     sums[name] = total + value.item(), count + 1
         return {name: total / count for name, (total, count) in sums.items()}
@@ -173,11 +173,13 @@ class Ippo:
         agents = batch.actions.shape[1] if self.own_weights else 1
         return {name: value.detach() / agents for name, value in losses.items()}
 
-    def _step(self, batch: Batch, progress: float) -> dict[str, Tensor]:
+    def _step(self, shards: Sequence[Batch], progress: float, cloning: bool) -> dict[str, Tensor]:
         """One step of Adam on the shards' losses, weighted by size; returns them and the gradient's norm."""
-        shards = self._shards(batch)
+        if not cloning:
+            shards = [replace(shard, optimal=None) for shard in shards]
         descents = list(self.workers.map(lambda shard: self._descent(shard, progress), shards))
-        weights = [len(shard) / len(batch) for shard in shards]
+        count = sum(len(shard) for shard in shards)
+        weights = [len(shard) / count for shard in shards]
         for index, parameter in enumerate(self.parameters):
             parameter.grad = _weighted(weights, [gradients[index] for gradients, _ in descents])
         norm = nn.utils.clip_grad_norm_(self.parameters, self.settings.gradient_clip or float("inf"))
@@ -186,12 +188,13 @@ class Ippo:
         return {**losses, "gradient": norm}
 
     def _shards(self, batch: Batch) -> list[Batch]:
-        """Equal parts, one for each thread where there is enough for it to do."""
+        """Equal parts, one for each thread where there is enough for it to do, with prepared inputs."""
         edges = batch.inputs.costs_q.numel()
         count = max(1, min(self.threads, edges // _LEAST_EDGES, len(batch)))
-        if count == 1:
-            return [batch]
-        return [batch.rows(rows) for rows in torch.arange(len(batch), device=self.device).chunk(count)]
+        rows = torch.arange(len(batch), device=self.device).chunk(count)
+        parts = [batch] if count == 1 else [batch.rows(some) for some in rows]
+        prepared = self.workers.map(self.network.prepared, [part.inputs for part in parts])
+        return [replace(part, inputs=inputs) for part, inputs in zip(parts, prepared, strict=True)]
 
     def _descent(self, batch: Batch, progress: float) -> tuple[Sequence[Tensor], dict[str, Tensor]]:
         """The loss's gradient by every parameter, and its parts. The parameters keep theirs."""

@@ -5,7 +5,7 @@ The same numbers, computed in the same order, as the core's graphsage_edges: a t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor
@@ -45,6 +45,23 @@ class Edges:
     allowed: Tensor  # (B, N, M + 1) bool: valid actions
     ages_rounds: Tensor  # (B, N)
     busy: Tensor  # (B, N) bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenEdges(PolicyInputs):
+    """Snapshots whose edges are worked out already."""
+
+    edges: Edges
+    features: Tensor  # as edge_features gives them
+
+
+def seen_edges(inputs: PolicyInputs, settings: GraphSageSettings) -> SeenEdges:
+    """Worked out now, or before."""
+    if isinstance(inputs, SeenEdges):
+        return inputs
+    edges = edges_of(inputs, settings)
+    arrays = {field.name: getattr(inputs, field.name) for field in fields(PolicyInputs)}
+    return SeenEdges(**arrays, edges=edges, features=edge_features(edges))
 
 
 def edges_of(inputs: PolicyInputs, settings: GraphSageSettings) -> Edges:

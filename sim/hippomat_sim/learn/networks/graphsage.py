@@ -29,7 +29,7 @@ from hippomat_core.allocation.graphsage_settings import (
     WEAKEST_SHARE,
     GraphSageSettings,
 )
-from hippomat_sim.learn.networks.edges import Edges, edge_features, edges_of
+from hippomat_sim.learn.networks.edges import Edges, SeenEdges, seen_edges
 from hippomat_sim.learn.networks.head import NOTHING, net_offers
 from hippomat_sim.learn.networks.inputs import PolicyInputs
 from hippomat_sim.learn.networks.masks import masked
@@ -90,20 +90,23 @@ class GraphSageNetwork(PolicyNetwork):
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)
 
-    def embeddings(self, edges: Edges) -> Tensor:
+    def prepared(self, inputs: PolicyInputs) -> PolicyInputs:
+        return seen_edges(inputs, self.settings)
+
+    def embeddings(self, seen: SeenEdges) -> Tensor:
         """(B, N, M, width) of every edge; meaningless where the edge is not valid."""
-        features = edge_features(edges).permute(1, 2, 3, 0).to(self.out.weight.dtype)
+        features = seen.features.permute(1, 2, 3, 0).to(self.out.weight.dtype)
         e: Tensor = self.edge_out(torch.relu(self.edge_in(features)))
         for hop in self.hops:
-            e = hop(e, edges.valid[..., None])
+            e = hop(e, seen.edges.valid[..., None])
         return e
 
-    def learned(self, edges: Edges) -> Tensor:
+    def learned(self, seen: SeenEdges) -> Tensor:
         """(3, B, N, M): score, price and weight of every edge."""
         if self.out.weight.device.type == "cpu" and self.out.weight.dtype == torch.float32:
-            valid = None if bool(edges.valid.all()) else edges.valid
-            return run_trunk(self._matrices(), edge_features(edges), valid)
-        return self._said(self.embeddings(edges))
+            valid = seen.edges.valid
+            return run_trunk(self._matrices(), seen.features, None if bool(valid.all()) else valid)
+        return self._said(self.embeddings(seen))
 
     def _said(self, e: Tensor) -> Tensor:
         said: Tensor = self.out(e)
@@ -114,19 +117,19 @@ class GraphSageNetwork(PolicyNetwork):
         return TrunkMatrices(_matrix(self.edge_in), _matrix(self.edge_out), hops, _matrix(self.out))
 
     def evaluate(self, inputs: PolicyInputs) -> tuple[Tensor, Tensor]:
-        edges = edges_of(inputs, self.settings)
-        e = self.embeddings(edges)
-        return self._logits(edges, self._said(e)), self._values(edges, e)
+        seen = seen_edges(inputs, self.settings)
+        e = self.embeddings(seen)
+        return self._logits(seen.edges, self._said(e)), self._values(seen.edges, e)
 
     def forward(self, inputs: PolicyInputs) -> Tensor:
-        edges = edges_of(inputs, self.settings)
-        return self._logits(edges, self.learned(edges))
+        seen = seen_edges(inputs, self.settings)
+        return self._logits(seen.edges, self.learned(seen))
 
     def evaluate_both(self, inputs: PolicyInputs, head: GraphSageSettings) -> tuple[Tensor, Tensor]:
         """Logits of the learned part alone and with a head of these settings; what they share runs once."""
-        edges = edges_of(inputs, head)
-        learned = self.learned(edges)
-        return self._alone(edges, learned), self._with_head(edges, learned, head)
+        seen = seen_edges(inputs, self.settings)
+        learned = self.learned(seen)
+        return self._alone(seen.edges, learned), self._with_head(seen.edges, learned, head)
 
     def _logits(self, edges: Edges, learned: Tensor) -> Tensor:
         return (

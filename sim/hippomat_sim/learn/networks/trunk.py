@@ -21,7 +21,7 @@ from torch.autograd.function import once_differentiable
 
 from hippomat_sim.learn.networks.trunk_kernels import NOTHING, shares_backward, shares_forward
 
-_BLOCK_EDGES = 4_096  # a block's scratch is about 2 MB
+_BLOCK_EDGES = 6_000  # a block's scratch is about 3 MB
 
 Planes = NDArray[np.float32]
 

@@ -66,6 +66,12 @@ def _share(q: Any, log_sum: Any) -> Any:
     return (share if q > _VALID and share > _WEAKEST else _WEAKEST) * _SIZE
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _softmax(q: Any, log_sum: Any) -> Any:
+    share = exp_32(q - log_sum)
+    return share if q > _VALID else np.float32(0.0)  # subnormal products would slow all that follows
+
+
 @njit(cache=True, nogil=True)
 def shares_backward(q: Any, row_sums: Any, column_sums: Any, by_row: Any, by_column: Any, by_q: Any) -> None:
     """by_row, by_column: gradient by the shares, (heads, N, M, B); what they say of q is added to by_q.
@@ -84,7 +90,7 @@ def shares_backward(q: Any, row_sums: Any, column_sums: Any, by_row: Any, by_col
                     total[s] += by_row[h, i, j, s]
             for j in range(m):
                 for s in range(b):
-                    share = exp_32(q[h, i, j, s] - row_sums[h, i, s])
+                    share = _softmax(q[h, i, j, s], row_sums[h, i, s])
                     by_q[h, i, j, s] += by_row[h, i, j, s] - share * total[s]
         for j in range(m):
             total[:] = np.float32(0.0)
@@ -95,5 +101,5 @@ def shares_backward(q: Any, row_sums: Any, column_sums: Any, by_row: Any, by_col
                     total[s] += by_column[h, i, j, s]
             for i in range(n):
                 for s in range(b):
-                    share = exp_32(q[h, i, j, s] - column_sums[h, j, s])
+                    share = _softmax(q[h, i, j, s], column_sums[h, j, s])
                     by_q[h, i, j, s] += by_column[h, i, j, s] - share * total[s]
