@@ -177,6 +177,17 @@ def test_under_loss_everybody_decides_on_its_own_view() -> None:
     assert torch.equal(own_actions, rollout.actions)
 
 
+def test_who_had_no_choice_leaves_no_trace_in_the_gradient() -> None:
+    """A masked action's log-probability is so large that rounding alone moves it by more than exp() holds."""
+    ippo = Ippo(fresh_network(LOSSY), LOSSY.ppo, LOSSY.signals, 0, CPU)
+    batch = ippo._batch(Collector(LOSSY, small_pool()).collect(ippo.act), 0.0)
+    rounded = torch.where(batch.acting, batch.log_probs, batch.log_probs - 128.0)
+    gradient, _ = ippo._descent(replace(batch, log_probs=rounded), 0.0)
+    assert torch.isfinite(gradient).all()
+    expected, _ = ippo._descent(batch, 0.0)
+    torch.testing.assert_close(gradient, expected)
+
+
 def test_training_under_loss_teaches_the_age_of_a_row(tmp_path: Path) -> None:
     training = begun(LOSSY, tmp_path)
     network = training.network

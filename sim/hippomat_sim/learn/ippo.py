@@ -83,7 +83,10 @@ class Ippo:
         what a run is."""
         self.network = network.to(device)
         self.parameters = list(self.network.parameters())
-        self.threads, self.workers = threads, ThreadPoolExecutor(threads)
+        self.sizes = [parameter.numel() for parameter in self.parameters]
+        self.threads = threads
+        # Gradients of a settled policy are full of subnormal numbers, which halve the speed and say nothing.
+        self.workers = ThreadPoolExecutor(threads, initializer=torch.set_flush_denormal, initargs=(True,))
         self.settings, self.signals, self.device = settings, signals, device
         self.random = torch.Generator(device).manual_seed(seed)
         self.own_weights = bool(getattr(network, "independent", False))
@@ -120,7 +123,8 @@ class Ippo:
         logits, values, cloned = self._evaluate(batch)
         log_policy = torch.log_softmax(logits, dim=2)
         log_probs = log_policy.gather(2, batch.actions[..., None])[..., 0]
-        ratio = torch.exp(log_probs - batch.log_probs)
+        moved = (log_probs - batch.log_probs).masked_fill(~batch.acting, 0.0)  # masked actions: no numbers
+        ratio = torch.exp(moved)
         clipped = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
         gain = torch.minimum(ratio * batch.advantages, clipped * batch.advantages)
         entropy = -(log_policy.exp() * log_policy).sum(dim=2)
@@ -180,9 +184,12 @@ class Ippo:
         descents = list(self.workers.map(lambda shard: self._descent(shard, progress), shards))
         count = sum(len(shard) for shard in shards)
         weights = [len(shard) / count for shard in shards]
-        for index, parameter in enumerate(self.parameters):
-            parameter.grad = _weighted(weights, [gradients[index] for gradients, _ in descents])
-        norm = nn.utils.clip_grad_norm_(self.parameters, self.settings.gradient_clip or float("inf"))
+        gradient = _weighted(weights, [part for part, _ in descents])
+        norm = torch.linalg.vector_norm(gradient)
+        if self.settings.gradient_clip > 0.0:
+            gradient *= (self.settings.gradient_clip / (norm + _LITTLE)).clamp(max=1.0)
+        for parameter, part in zip(self.parameters, torch.split(gradient, self.sizes), strict=True):
+            parameter.grad = part.view_as(parameter)
         self.optimiser.step()
         losses = {name: _weighted(weights, [parts[name] for _, parts in descents]) for name in descents[0][1]}
         return {**losses, "gradient": norm}
@@ -196,11 +203,11 @@ class Ippo:
         prepared = self.workers.map(self.network.prepared, [part.inputs for part in parts])
         return [replace(part, inputs=inputs) for part, inputs in zip(parts, prepared, strict=True)]
 
-    def _descent(self, batch: Batch, progress: float) -> tuple[Sequence[Tensor], dict[str, Tensor]]:
-        """The loss's gradient by every parameter, and its parts. The parameters keep theirs."""
+    def _descent(self, batch: Batch, progress: float) -> tuple[Tensor, dict[str, Tensor]]:
+        """The loss's gradient by all parameters, one after the other, and the loss's parts."""
         loss, parts = self._loss(batch, progress)
         used = torch.autograd.grad(loss, self.parameters, allow_unused=True, materialize_grads=True)
-        return used, parts
+        return torch.cat([gradient.flatten() for gradient in used]), parts
 
     @torch.no_grad()
     def _batch(self, rollout: Rollout, progress: float) -> Batch:
@@ -302,5 +309,5 @@ def _to_views(figures: Tensor, mine: Tensor) -> Tensor:
 
 
 def _weighted(weights: Sequence[float], parts: Sequence[Tensor]) -> Tensor:
-    """Their sum, always in the same order."""
+    """Their weighted sum, always in the same order."""
     return torch.stack([weight * part for weight, part in zip(weights, parts, strict=True)]).sum(dim=0)
