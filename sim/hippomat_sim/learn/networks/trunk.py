@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from hippomat_sim.learn.networks.trunk_kernels import NOTHING, shares_backward, shares_forward
+from hippomat_sim.learn.networks.trunk_kernels import NOTHING, relu_backward, shares_backward, shares_forward
 
 _BLOCK_EDGES = 6_000  # a block's scratch is about 3 MB
 
@@ -181,6 +181,6 @@ class _Hop:
 def _through_perceptron(out: Tensor, by_result: Tensor, hidden: Tensor, gradient: Tensor) -> Tensor:
     """The gradient by what went into the relu whose result is `hidden`; adds to that of `out`."""
     gradient.addmm_(by_result, hidden.T)
-    by_relu = out[:, :-1].T @ by_result
-    by_hidden: Tensor = torch.ops.aten.threshold_backward(by_relu, hidden[:-1], 0.0)
+    by_hidden = out[:, :-1].T @ by_result
+    relu_backward(by_hidden.numpy(), hidden[:-1].numpy())
     return by_hidden

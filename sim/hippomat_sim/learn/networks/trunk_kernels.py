@@ -1,4 +1,4 @@
-"""Log-softmax of the attention heads over rows and columns, and its gradient, compiled. float32.
+"""Log-softmax of the attention heads over rows and columns, its gradient and that of relu, compiled. float32.
 
 Snapshots are the innermost axis: a loop over them is vector code, however small the fleet is. What the heads
 mean is said in graphsage.py; torch's own operations give the same there.
@@ -103,3 +103,12 @@ def shares_backward(q: Any, row_sums: Any, column_sums: Any, by_row: Any, by_col
                 for s in range(b):
                     share = _softmax(q[h, i, j, s], column_sums[h, j, s])
                     by_q[h, i, j, s] += by_column[h, i, j, s] - share * total[s]
+
+
+@njit(cache=True, nogil=True)
+def relu_backward(gradient: Any, result: Any) -> None:
+    """Zero where relu gave nothing, in place. Both (planes, edges)."""
+    for plane in range(gradient.shape[0]):
+        for edge in range(gradient.shape[1]):
+            kept = gradient[plane, edge]
+            gradient[plane, edge] = kept if result[plane, edge] > np.float32(0.0) else np.float32(0.0)
