@@ -17,9 +17,14 @@ from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.port import Allocator, Problem
 from hippomat_sim.learn.env import VectorEnv
 from hippomat_sim.learn.export import policy_file
-from hippomat_sim.learn.networks import PolicyInputs, PolicyNetwork, make_network, policy_inputs
+from hippomat_sim.learn.ippo import Ippo
+from hippomat_sim.learn.networks import PolicyInputs, policy_inputs
+from hippomat_sim.learn.networks.graphsage import GraphSageNetwork
 from hippomat_sim.learn.parallel_env import AllocationParallelEnv
+from hippomat_sim.learn.rollout import Collector
 from hippomat_sim.learn.settings import EnvSettings, WorldSettings
+from hippomat_sim.learn.train_settings import load_train_settings
+from hippomat_sim.learn.training import fresh_network
 from hippomat_sim.learn.world_pool import WorldPool, make_pool
 
 AGENTS = TASKS = 30
@@ -67,6 +72,7 @@ def _env_step(name: str, turnover: str, actions: NDArray[np.int64]) -> Result:
 def policy_decision() -> Result:
     """From the snapshot to one robot's action, beside the same network in torch."""
     inputs, network, allocator, problem = _decision()
+    network.compiled = False
 
     def in_torch() -> None:
         with torch.no_grad():
@@ -92,10 +98,35 @@ def policy_decision_and_scipy() -> Result:
     )
 
 
+def learner_pass() -> Result:
+    """One pass of our recipe over a batch with cloning, per agent-step, on one thread."""
+    settings = load_train_settings("default")
+    fleet = replace(settings.episodes[0], agents=(8, 8))
+    settings = replace(settings, episodes=(fleet,), environment=EnvSettings(world=_pool().settings))
+    network = fresh_network(settings)
+    assert isinstance(network, GraphSageNetwork)
+    ippo = Ippo(network, settings.ppo, settings.signals, settings.seed, torch.device("cpu"))
+    rollout = Collector(settings, _pool()).collect(ippo.act)
+
+    def learn(compiled: bool) -> None:
+        network.compiled = compiled
+        ippo.learn(rollout, 0.0)
+
+    found = compare(
+        "our learner's pass over a batch, N = M = 8, per agent-step",
+        lambda: learn(True),
+        "torch's operations alone",
+        lambda: learn(False),
+        pairs=5,
+    )
+    passes = rollout.agent_steps * settings.ppo.epochs
+    return replace(found, ours_us=found.ours_us / passes, peer_us=found.peer_us / passes)
+
+
 @cache
-def _decision() -> tuple[PolicyInputs, PolicyNetwork, Allocator, Problem]:
+def _decision() -> tuple[PolicyInputs, GraphSageNetwork, Allocator, Problem]:
     """One snapshot, and the network in torch and in the core; what weights are in it costs the same."""
-    network = make_network("graphsage", {}, AGENTS, TASKS)
+    network = GraphSageNetwork()
     policy = policy_file(network, {}, {})
     allocator = make_allocator("graphsage", policy.to_bytes(), AGENTS, TASKS)
     copies = VectorEnv(EnvSettings(agents=AGENTS, tasks=TASKS), _pool(), 1, 0)
@@ -114,5 +145,11 @@ def _pool() -> WorldPool:
 
 CASES: dict[str, Callable[[], Result]] = {
     case.__name__: case
-    for case in (env_step_fixed, env_step_continuous, policy_decision, policy_decision_and_scipy)
+    for case in (
+        env_step_fixed,
+        env_step_continuous,
+        learner_pass,
+        policy_decision,
+        policy_decision_and_scipy,
+    )
 }

@@ -72,11 +72,15 @@ def _matrix(layer: nn.Linear) -> Tensor:
 
 
 class GraphSageNetwork(PolicyNetwork):
+    """compiled: float32 on a CPU goes through compiled functions (trunk.py, head.py), which give the same;
+    False: torch's operations alone."""
+
     network = "graphsage"
     training_only = "value_"
 
     def __init__(self, settings: GraphSageSettings | None = None) -> None:
         super().__init__()
+        self.compiled = True
         self.settings = settings or GraphSageSettings()
         width, hidden = self.settings.width, self.settings.hidden
         self.edge_in = nn.Linear(FEATURES, hidden)
@@ -103,10 +107,15 @@ class GraphSageNetwork(PolicyNetwork):
 
     def learned(self, seen: SeenEdges) -> Tensor:
         """(3, B, N, M): score, price and weight of every edge."""
-        if self.out.weight.device.type == "cpu" and self.out.weight.dtype == torch.float32:
+        if self._runs_compiled:
             valid = seen.edges.valid
             return run_trunk(self._matrices(), seen.features, None if bool(valid.all()) else valid)
         return self._said(self.embeddings(seen))
+
+    @property
+    def _runs_compiled(self) -> bool:
+        weight = self.out.weight
+        return self.compiled and weight.device.type == "cpu" and weight.dtype == torch.float32
 
     def _said(self, e: Tensor) -> Tensor:
         said: Tensor = self.out(e)
@@ -145,7 +154,8 @@ class GraphSageNetwork(PolicyNetwork):
     def _with_head(self, edges: Edges, learned: Tensor, settings: GraphSageSettings) -> Tensor:
         weights = torch.softmax(learned[2].masked_fill(~edges.valid, NOTHING), dim=1)
         first_prices = PRICE_SIZE * (weights * learned[1]).sum(dim=1)
-        offers = net_offers(edges, first_prices, settings).masked_fill(~edges.allowed, NOTHING)
+        offers = net_offers(edges, first_prices, settings, self._runs_compiled)
+        offers = offers.masked_fill(~edges.allowed, NOTHING)
         behind = (offers - offers.amax(dim=2, keepdim=True)) / settings.head_temperature
         return masked(behind.clamp(min=-LOGIT_SPAN).to(learned.dtype), edges.allowed)
 
@@ -164,6 +174,7 @@ class GraphSageNetwork(PolicyNetwork):
         """The same weights with other settings of the head, look-ahead or temperature; shares no tensor."""
         twin = GraphSageNetwork(replace(self.settings, **changes))
         twin.load_state_dict(self.state_dict())
+        twin.compiled = self.compiled
         return twin
 
     def settings_dict(self) -> dict[str, Any]:

@@ -53,13 +53,12 @@ class Market:
         return rows, columns
 
 
-def net_offers(edges: Edges, first_prices: Tensor, settings: GraphSageSettings) -> Tensor:
+def net_offers(edges: Edges, first_prices: Tensor, settings: GraphSageSettings, compiled: bool) -> Tensor:
     """(B, N, M + 1) b_ij - v_j in units of the scale, no request in front. first_prices: (B, M)."""
     market = market_of(edges)
     first = torch.cat([first_prices, torch.zeros_like(first_prices[:, :1])], dim=1).double()
     first = torch.where(market.open[:, None], first.clamp(min=0.0), first)
-    on_cpu = first.device.type == "cpu"
-    final = fast_prices(market, first, settings) if on_cpu else prices(market, first, settings)
+    final = (fast_prices if compiled else prices)(market, first, settings)
     net = market.benefit[:, :-1] - final[:, None, :]
     tasks, slack = net[:, :, :-1], net[:, :, -1:]
     beyond = tasks.masked_fill(~edges.closed, NOTHING).amax(dim=2, keepdim=True)
