@@ -20,8 +20,9 @@ from hippomat_sim.bench.tables_figures import METRICS, Figure, figures_of
 from hippomat_sim.bench.tables_files import CSV_COLUMNS, as_csv, as_markdown
 from hippomat_sim.bench.tables_goals import Goal, goals_of, verdict
 from hippomat_sim.bench.tables_layout import NOT_TRAINED, Book, number, shown
+from hippomat_sim.bench.tables_measure import TEST_SPLIT, Bench
 from hippomat_sim.bench.tables_paper import CONTINUOUS_COST, FIXED_COST, FIXED_TIME, OURS, paper_value
-from hippomat_sim.bench.tables_run import TEST_SPLIT, Bench, Results, run
+from hippomat_sim.bench.tables_run import Results, run
 from hippomat_sim.bench.tables_sections import sections_of
 from hippomat_sim.bench.tables_stats import Estimate
 from hippomat_sim.bench.tables_store import STORE_NAME, Store

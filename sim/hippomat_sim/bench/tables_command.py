@@ -22,8 +22,9 @@ from hippomat_sim.bench.tables_figures import figures_of
 from hippomat_sim.bench.tables_files import as_csv, as_json, as_markdown
 from hippomat_sim.bench.tables_goals import OURS, goals_of, verdict
 from hippomat_sim.bench.tables_layout import Book, Section
+from hippomat_sim.bench.tables_measure import TEST_SPLIT, Bench, fleet_of
 from hippomat_sim.bench.tables_preface import TITLE, preface
-from hippomat_sim.bench.tables_run import TEST_SPLIT, Bench, Results, fleet_of
+from hippomat_sim.bench.tables_run import Results
 from hippomat_sim.bench.tables_run import run as measure_all
 from hippomat_sim.bench.tables_sections import sections_of
 from hippomat_sim.bench.tables_show import show

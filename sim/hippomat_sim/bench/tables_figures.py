@@ -12,7 +12,8 @@ import numpy as np
 
 from hippomat_sim.bench import tables_cells as kinds
 from hippomat_sim.bench.tables_cells import Cell
-from hippomat_sim.bench.tables_run import STEP_S, Results
+from hippomat_sim.bench.tables_measure import STEP_S
+from hippomat_sim.bench.tables_run import Results
 from hippomat_sim.bench.tables_stats import Estimate, difference, mean, ratio, ratio_of_ratios
 from hippomat_sim.learn.evaluation import Figures
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import platform
-from pathlib import Path
-
 from hippomat_sim.bench.tables_cells import Plan
-from hippomat_sim.bench.tables_run import STEP_S, STEPS, WARM_UP_STEPS, Bench
+from hippomat_sim.bench.tables_measure import STEP_S, STEPS, WARM_UP_STEPS, Bench
 from hippomat_sim.bench.tables_stats import RESAMPLES
 
 TITLE = "Results"
@@ -41,15 +38,5 @@ def preface(plan: Plan, bench: Bench) -> str:
         steps=STEPS,
         warm_up=WARM_UP_STEPS,
         resamples=RESAMPLES,
-        machine=_machine(),
+        machine=bench.machine,
     )
-
-
-def _machine() -> str:
-    """The processor's name where the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.machine())
