@@ -61,6 +61,18 @@ def test_slow_methods_get_the_first_of_the_same_instances() -> None:
     assert counts["ipso_g"] == round(counts["greedy"] * METHODS["ipso_g"].share) < counts["greedy"]
 
 
+def test_continuous_tasks_have_copies_enough_for_their_goals() -> None:
+    cells = Plan().cells()
+    copies = {(cell.method, cell.agents): cell.count for cell in cells if cell.kind == kinds.CONTINUOUS}
+    assert copies["graphsage", 10] == copies["hungarian", 10] == 600
+    assert copies["graphsage", 30] == 200
+    assert copies["ipso_g", 10] == 10  # slow
+    under_loss = {
+        (cell.method, cell.agents): cell.count for cell in cells if cell.kind == kinds.LOSS_CONTINUOUS
+    }
+    assert under_loss["graphsage", 10] == 25
+
+
 # --- measuring ---
 
 PARTS_WITHOUT_LOSS = ("fixed", "continuous", "permuted", "time")

@@ -208,7 +208,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--methods", metavar="A,B", help=f"{', '.join(METHODS)} (default all; {kinds.REFERENCE} always)")
     add("--agents", metavar="5,10", help="fleet sizes of all tables (default: each table has its own)")
-    text = f"instances of fixed tasks; continuous ones get as many / N copies (default {plan.episodes})"
+    text = f"instances of fixed tasks; {kinds.MORE_COPIES} K / N copies of continuous ones"
+    text = f"{text} (default {plan.episodes})"
     add("--episodes", type=int, default=plan.episodes, metavar="K", help=text)
     add("--seed", type=int, default=plan.seed, metavar="N", help="of the instances (default 0)")
     add("--loss", type=float, metavar="P", help="this loss alone instead of 10 to 50 %%")
