@@ -40,6 +40,7 @@ _SHOWN_RUN = Run("paper", Fleet(10, kinds.CONTINUOUS_TASKS, "on_claim"))  # whos
 DEFAULT_OUT, DEFAULT_RUNS = Path("build/tables"), Path("build/runs")
 MARKDOWN, CSV, JSON = "results.md", "results.csv", "results.json"
 TRAIN = "hippomat-bench tables --train"
+TEST_WORLDS = 32  # intervals are as good as the number of worlds is large; each takes a second to prepare
 MOST_AGENTS = 64  # the air's limit
 
 
@@ -214,8 +215,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, default=plan.seed, metavar="N", help="of the instances (default 0)")
     add("--loss", type=float, metavar="P", help="this loss alone instead of 10 to 50 %%")
     add("--only", metavar="A,B", help=f"parts: {', '.join(PARTS)} (default all)")
-    worlds = WorldSettings().worlds
-    add("--worlds", type=int, default=worlds, metavar="K", help=f"test worlds (default {worlds})")
+    text = f"test worlds (default {TEST_WORLDS})"
+    add("--worlds", type=int, default=TEST_WORLDS, metavar="K", help=text)
     text = "our policy, instead of the packaged one"
     add("--policy", type=Path, metavar="FILE", help=text)
     text = f"training runs of the other learned methods (default {DEFAULT_RUNS})"

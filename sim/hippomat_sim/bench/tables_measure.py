@@ -100,7 +100,7 @@ def play_timed(method: Method, messages: Callable[[Problem], int], instances: In
         method.own_actions(problems, own, which, 0)
         spent[index] = time.perf_counter_ns() - start
         sent[index] = messages(problems.problem(0))
-    return {"decision_ns": spent, "messages": sent}
+    return {"decision_ns": spent, "messages": sent, "world": instances.world}
 
 
 def _instances(cell: Cell, bench: Bench, pool: WorldPool) -> Instances:
