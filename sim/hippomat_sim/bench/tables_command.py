@@ -65,17 +65,17 @@ def run(options: argparse.Namespace) -> int:
     world = WorldSettings(worlds=options.worlds)
     bench = Bench(world, Sources(options.runs, options.policy), options.seed)
     if options.train is not None:
-        _train(plan, options.runs, options.train or None)
+        _train(plan, options.runs, options.train or None, options.jobs)
     return report(plan, bench, Output(options.out, options.resume, options.json, options.jobs))
 
 
-def _train(plan: Plan, runs: Path, agent_steps: int | None) -> None:
+def _train(plan: Plan, runs: Path, agent_steps: int | None, jobs: int) -> None:
     """Trains what the plan's methods miss."""
     from hippomat_sim.learn.train_missing import train_missing  # here: only training needs torch
 
     wanted = [run_of(cell.method, fleet_of(cell)) for cell in plan.cells() if cell.method != kinds.OPTIMUM]
-    console = Console(file=sys.stderr)
-    train_missing(missing([run for run in wanted if run is not None], runs), runs, agent_steps, console)
+    due = missing([run for run in wanted if run is not None], runs)
+    train_missing(due, runs, agent_steps, Console(file=sys.stderr), jobs)
 
 
 def report(plan: Plan, bench: Bench, output: Output) -> int:
@@ -227,5 +227,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--train", type=int, nargs="?", const=0, metavar="N", help=text)
     add("--resume", action="store_true", help=f"measure only what {STORE_NAME} in --out does not hold yet")
     cores = os.cpu_count() or 1
-    add("--jobs", type=int, default=cores, metavar="K", help=f"processes (default {cores}, the cores)")
+    text = f"processes that train and measure (default {cores}, the cores)"
+    add("--jobs", type=int, default=cores, metavar="K", help=text)
     add("--json", action="store_true", help="one JSON object instead of tables")

@@ -1,0 +1,135 @@
+"""The runs of `hippomat-bench tables --train`: one after another, several at once, interrupted, failed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from training_lab import SmallRun
+
+from hippomat_core.allocation.policy_file import read_policy
+from hippomat_core.errors import ConfigError, HippomatError
+from hippomat_sim.learn.checkpoint import FILE_NAME
+from hippomat_sim.learn.train_missing import train_missing
+from hippomat_sim.learn.training_log import read_metrics
+
+STARTED_S = 90.0  # a process loads torch and compiles
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def hash_of(run: SmallRun, directory: Path) -> str:
+    return read_policy(run.policy(directory).read_bytes()).hash
+
+
+def test_two_processes_train_the_weights_of_one(tmp_path: Path) -> None:
+    runs, said = [SmallRun("paper"), SmallRun("ours")], StringIO()
+    train_missing(runs, tmp_path / "one", 300, Console(file=StringIO()), jobs=1)
+    train_missing(runs, tmp_path / "two", 300, Console(file=said), jobs=2)
+    for run in runs:
+        assert hash_of(run, tmp_path / "one") == hash_of(run, tmp_path / "two")
+        assert (tmp_path / "two" / run.name / "reward.png").is_file()
+    lines = [line for line in said.getvalue().splitlines() if "minutes" in line]
+    assert {line.partition(":")[0] for line in lines} == {"trained paper", "trained ours"}
+    assert all("minutes, CF1/gap %: N=3" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("preset", "said"),
+    [
+        ("impossible", "network 'paper_network' is built for one number of agents"),
+        ("buggy", r"training buggy: IndexError: a bug \(--jobs 1 shows where\)"),
+        ("killed", "training killed: its process was ended by SIGKILL: start again"),
+    ],
+)
+def test_what_goes_wrong_in_a_process_is_one_line(
+    preset: str, said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    runs = [SmallRun(preset), SmallRun("paper")]
+    with pytest.raises(HippomatError, match=said) as caught:
+        train_missing(runs, tmp_path, 100_000_000, Console(file=StringIO()), jobs=2)
+    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value, ConfigError) == (preset == "impossible")
+    assert "Traceback" not in capfd.readouterr().err
+    assert not runs[1].policy(tmp_path).exists()  # it was stopped, not waited for
+
+
+SCRIPT = """\
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from training_lab import SmallRun
+
+from hippomat_sim.entry import guarded
+from hippomat_sim.learn.train_missing import train_missing
+
+
+def train():
+    runs = [SmallRun("paper"), SmallRun("ours")]
+    train_missing(runs, Path(sys.argv[1]), 100_000_000, Console(stderr=True), jobs=2)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(guarded("hippomat-bench", train))
+"""
+
+
+def interrupted(directory: Path, script: Path, under_way: Callable[[], bool], group: bool) -> str:
+    """What is said after Ctrl-C, which comes when both are under way. group: it reaches the workers too."""
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(directory)],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        start_new_session=True,
+    )
+    ends_s = time.monotonic() + STARTED_S
+    while not under_way() and time.monotonic() < ends_s:
+        time.sleep(0.1)
+    if group:
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 1
+    return error
+
+
+@pytest.mark.timeout(300)
+def test_ctrl_c_leaves_checkpoints_from_which_a_second_start_goes_on(tmp_path: Path) -> None:
+    script, directory = tmp_path / "script.py", tmp_path / "runs"
+    script.write_text(SCRIPT, encoding="utf-8")
+    folders = [directory / "paper", directory / "ours"]
+
+    def updates() -> list[int]:
+        return [len(read_metrics(folder)) for folder in folders]
+
+    error = interrupted(directory, script, lambda: all(updates()), group=True)
+    assert error.strip().endswith("hippomat-bench: interrupted")
+    assert "Traceback" not in error
+    assert all((folder / FILE_NAME).is_file() for folder in folders)
+    first = updates()
+
+    def both_went_on() -> bool:
+        return all(now > then for now, then in zip(updates(), first, strict=True))
+
+    error = interrupted(directory, script, both_went_on, group=False)
+    assert error.strip().endswith("hippomat-bench: interrupted")
+    assert "Traceback" not in error
+    assert both_went_on()
+    for folder in folders:
+        rows = read_metrics(folder)
+        assert [row["update"] for row in rows] == list(range(1, len(rows) + 1))
