@@ -1,8 +1,10 @@
 """Estimates with 95 % intervals: percentile bootstrap, the same draws for every method.
 
 Instances of one world are alike, so worlds are drawn first and then instances within each drawn world
-(Davison & Hinkley 1997, section 3.8). That is never too narrow: where worlds make no difference such an
-interval is up to sqrt(2) as wide as that of instances drawn alone. Without worlds, instances are drawn alone.
+(Davison & Hinkley 1997, section 3.8). The spread within worlds counts twice by that: where worlds make no
+difference an interval is up to sqrt(2) times as wide as that of instances drawn alone. With few worlds it is
+too narrow all the same: of eight that differ much, it covers the truth in 90 % of trials. Where nobody says
+in which world instances are, they are drawn alone.
 
 Because all methods meet the same instances and the same draws, differences between them are paired.
 A figure that was the same in all instances has an interval of no width: the bootstrap knows no other world.
