@@ -16,7 +16,7 @@ from hippomat_core.allocation.look_ahead import LookAhead
 from hippomat_core.allocation.paper_network import MASKED_LOGIT
 from hippomat_core.errors import ConfigError
 from hippomat_sim.learn.networks import PolicyInputs, PolicyNetwork, make_network, policy_inputs
-from hippomat_sim.learn.networks.edges import edge_features, edges_of
+from hippomat_sim.learn.networks.edges import edge_features, edges_of, seen_edges
 from hippomat_sim.learn.networks.flat import PaperNetwork
 from hippomat_sim.learn.networks.gcn import GcnNetwork
 from hippomat_sim.learn.networks.graphsage import GraphSageNetwork, Hop
@@ -149,7 +149,7 @@ def test_edge_features_are_those_worked_out_by_hand():
         [far / 4, far - near, -4.0, far / 4, near / 4, 1.0, once, 1.0, 0.0, 0.0],
         [0.0] * 10,
     ]
-    np.testing.assert_allclose(edge_features(edges)[0].reshape(4, 10).numpy(), expected, atol=1e-6)
+    np.testing.assert_allclose(edge_features(edges)[:, 0].reshape(10, 4).T.numpy(), expected, atol=1e-6)
 
 
 def test_a_hop_is_the_one_worked_out_by_hand():
@@ -187,9 +187,9 @@ def test_the_untrained_head_is_nearly_the_hungarian_algorithm():
 def test_the_learned_part_alone_scores_each_edge_less_its_cost():
     network = edge_network(head=False)
     inputs = policy_inputs(codes([100, 120], [100, 200]))
-    edges = edges_of(inputs, network.settings)
-    score = network.out(network.embeddings(edges))[..., 0]
-    torch.testing.assert_close(network(inputs)[:, :, 1:], (score - edges.cost).float())
+    seen = seen_edges(inputs, network.settings)
+    score = network.out(network.embeddings(seen))[..., 0]
+    torch.testing.assert_close(network(inputs)[:, :, 1:], (score - seen.edges.cost).float())
 
 
 def test_both_readings_of_one_pass_are_those_of_two_networks():

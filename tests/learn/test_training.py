@@ -7,19 +7,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from env_lab import small_pool
 from training_lab import GCN, OURS, PAPER
 
+from hippomat_core.allocation.graphsage_settings import AGE
 from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.errors import ConfigError
 from hippomat_sim.learn.checkpoint import FILE_NAME
 from hippomat_sim.learn.export import exported_policy
 from hippomat_sim.learn.ippo import Ippo
 from hippomat_sim.learn.networks import make_network
+from hippomat_sim.learn.networks.graphsage import GraphSageNetwork
 from hippomat_sim.learn.rollout import Collector
-from hippomat_sim.learn.train_settings import TrainSettings
+from hippomat_sim.learn.train_settings import EpisodeSettings, TrainSettings
 from hippomat_sim.learn.training import Training, fresh_network
 from hippomat_sim.learn.training_log import METRICS, read_metrics
 
@@ -145,10 +148,65 @@ def test_networks_of_one_size_refuse_a_mixture(tmp_path: Path) -> None:
         begun(replace(PAPER, episodes=OURS.episodes), tmp_path)
 
 
-def test_loss_is_not_trained_with(tmp_path: Path) -> None:
-    lossy = replace(OURS, environment=replace(OURS.environment, loss=0.3))
-    with pytest.raises(ConfigError, match=r"loss = 0\.3"):
-        begun(lossy, tmp_path)
+LOSSY = replace(
+    OURS,
+    episodes=(
+        EpisodeSettings(
+            turnover="on_claim", agents=(3, 3), tasks=(4, 4), edges=600, fragment_steps=4, episode_steps=10,
+            loss=0.5, relay=False,
+        ),
+    ),
+)  # fmt: skip
+
+
+def test_under_loss_everybody_decides_on_its_own_view() -> None:
+    ippo = Ippo(fresh_network(LOSSY), LOSSY.ppo, LOSSY.signals, 0, CPU)
+    rollout = Collector(LOSSY, small_pool()).collect(ippo.act)
+    snapshots, agents = rollout.actions.shape
+    assert rollout.own is not None
+    assert rollout.own.tolist() == list(range(agents)) * snapshots
+    assert len(rollout.views) == snapshots * agents
+    rows = np.arange(len(rollout.views))
+    own_costs = rollout.views.costs_q[rows, rollout.own.numpy()]
+    np.testing.assert_array_equal(own_costs, rollout.problems.costs_q.reshape(own_costs.shape))
+    assert (rollout.views.ages_rounds[rollout.views.present] > 0).any()
+    batch = ippo._batch(rollout, 0.0)
+    mine = batch.acting.view(snapshots, agents, agents)
+    assert not mine[:, ~torch.eye(agents, dtype=torch.bool)].any()
+    own_actions = batch.actions.view(snapshots, agents, agents).diagonal(dim1=1, dim2=2)
+    assert torch.equal(own_actions, rollout.actions)
+
+
+def test_who_had_no_choice_leaves_no_trace_in_the_gradient() -> None:
+    """A masked action's log-probability is so large that rounding alone moves it by more than exp() holds."""
+    ippo = Ippo(fresh_network(LOSSY), LOSSY.ppo, LOSSY.signals, 0, CPU)
+    batch = ippo._batch(Collector(LOSSY, small_pool()).collect(ippo.act), 0.0)
+    rounded = torch.where(batch.acting, batch.log_probs, batch.log_probs - 128.0)
+    gradient, _ = ippo._descent(replace(batch, log_probs=rounded), 0.0)
+    assert torch.isfinite(gradient).all()
+    expected, _ = ippo._descent(batch, 0.0)
+    torch.testing.assert_close(gradient, expected)
+
+
+def test_training_under_loss_teaches_the_age_of_a_row(tmp_path: Path) -> None:
+    training = begun(LOSSY, tmp_path)
+    network = training.network
+    assert isinstance(network, GraphSageNetwork)
+    assert not network.edge_in.weight[:, AGE].any()
+    run(training)
+    assert network.edge_in.weight[:, AGE].any()
+    without = begun(OURS, tmp_path / "without")
+    run(without)
+    assert isinstance(without.network, GraphSageNetwork)
+    assert not without.network.edge_in.weight[:, AGE].any()
+
+
+def test_loss_that_cannot_be_trained_with_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"\[environment\] loss = 0\.3: .* set loss in \[\[episodes"):
+        begun(replace(OURS, environment=replace(OURS.environment, loss=0.3)), tmp_path)
+    generalised = replace(PAPER, episodes=(replace(PAPER.episodes[0], loss=0.3),))
+    with pytest.raises(ConfigError, match='set loss = 0 or advantage = "counterfactual"'):
+        begun(generalised, tmp_path)
 
 
 def test_what_cannot_be_resumed_is_said(tmp_path: Path) -> None:

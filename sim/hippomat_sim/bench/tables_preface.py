@@ -19,10 +19,9 @@ straight-line speed, sent as the 8-bit codes of the air. All methods meet the sa
 smallest (cost, id) wins. Continuous tasks run in steps of {step:g} s, {steps} of which count after
 {warm_up}, in {copies} / N copies; slow methods have fewer, and so has everything under loss.
 
-`x ± h`: h is half the width of the 95 % interval, by bootstrap over the test worlds and, within each that
-was drawn, over its instances or copies, each of which stays in one world ({resamples} resamples, the same
-for every method, so that differences are paired). Where worlds make no difference the interval is wider
-than it had to be, by up to 1.4 times. A decision time is a median, on {machine}."""
+`x ± h`: h is half the width of the 95 % interval, by bootstrap over the test worlds, each drawn with all
+its instances or copies ({resamples} resamples, the same for every method, so that differences are
+paired). A decision time is a median, on {machine}."""
 
 
 def preface(plan: Plan, bench: Bench) -> str:

@@ -1,10 +1,9 @@
-"""Estimates with 95 % intervals: percentile bootstrap, the same draws for every method.
+"""Estimates with 95 % intervals: percentile bootstrap over worlds, the same draws for every method.
 
-Instances of one world are alike, so worlds are drawn first and then instances within each drawn world
-(Davison & Hinkley 1997, section 3.8). The spread within worlds counts twice by that: where worlds make no
-difference an interval is up to sqrt(2) times as wide as that of instances drawn alone. With few worlds it is
-too narrow all the same: of eight that differ much, it covers the truth in 90 % of trials. Where nobody says
-in which world instances are, they are drawn alone.
+Instances of one world are alike, so whole worlds are drawn, each with all its instances (cluster bootstrap,
+Davison & Hinkley 1997, section 3.8). In simulations with 32 worlds the intervals cover the truth in 93 to
+95 % of trials, however much worlds differ; with eight in 88 to 90 %. Where instances are all of one world, or
+nobody says of which, they are drawn alone.
 
 Because all methods meet the same instances and the same draws, differences between them are paired.
 A figure that was the same in all instances has an interval of no width: the bootstrap knows no other world.
@@ -46,7 +45,7 @@ NOTHING = Estimate(float("nan"), float("nan"), float("nan"), 0)
 
 def _weights(count: int, worlds: ArrayLike | None) -> Floats:
     """(RESAMPLES, count): how often each instance is drawn. worlds: (count,) or None."""
-    if worlds is None:
+    if worlds is None or len(np.unique(np.asarray(worlds))) == 1:
         return _drawn(np.arange(count).tobytes())  # each a world of its own
     return _drawn(np.asarray(worlds, np.int64).tobytes())
 
@@ -57,12 +56,7 @@ def _drawn(worlds: bytes) -> Floats:
     names, world = np.unique(np.frombuffer(worlds, np.int64), return_inverse=True)
     random = np.random.default_rng((_SEED, len(world)))
     visits = random.multinomial(len(names), np.full(len(names), 1.0 / len(names)), size=RESAMPLES)
-    weights = np.empty((RESAMPLES, len(world)))
-    for number in range(len(names)):
-        inside = np.flatnonzero(world == number)
-        # As many instances as it has, at every visit: several draws together are one larger draw.
-        draws = visits[:, number] * len(inside)
-        weights[:, inside] = random.multinomial(draws, np.full(len(inside), 1.0 / len(inside)))
+    weights: Floats = visits[:, world].astype(np.float64)
     return weights
 
 

@@ -83,7 +83,10 @@ class Ippo:
         what a run is."""
         self.network = network.to(device)
         self.parameters = list(self.network.parameters())
-        self.threads, self.workers = threads, ThreadPoolExecutor(threads)
+        self.sizes = [parameter.numel() for parameter in self.parameters]
+        self.threads = threads
+        # Gradients of a settled policy are full of subnormal numbers, which halve the speed and say nothing.
+        self.workers = ThreadPoolExecutor(threads, initializer=torch.set_flush_denormal, initargs=(True,))
         self.settings, self.signals, self.device = settings, signals, device
         self.random = torch.Generator(device).manual_seed(seed)
         self.own_weights = bool(getattr(network, "independent", False))
@@ -101,13 +104,13 @@ class Ippo:
         batch = self._batch(rollout, progress)
         self._set_rate(progress)
         size = self.settings.minibatch or len(batch)
+        whole = self._shards(batch) if size >= len(batch) else None  # each pass takes them again
         sums: dict[str, tuple[float, int]] = {}
         for epoch in range(self.settings.epochs):
-            if epoch == 1:  # the unrolled head costs as much as all else: once per batch
-                batch = replace(batch, optimal=None)
+            cloning = epoch == 0  # once per batch
             for chosen in torch.split(self._order(len(batch)), size):
-                part = batch if len(chosen) == len(batch) else batch.rows(chosen)
-                for name, value in self._step(part, progress).items():
+                shards = whole or self._shards(batch.rows(chosen))
+                for name, value in self._step(shards, progress, cloning).items():
                     total, count = sums.get(name, (0.0, 0))
                     sums[name] = total + value.item(), count + 1
         return {name: total / count for name, (total, count) in sums.items()}
@@ -120,7 +123,8 @@ class Ippo:
         logits, values, cloned = self._evaluate(batch)
         log_policy = torch.log_softmax(logits, dim=2)
         log_probs = log_policy.gather(2, batch.actions[..., None])[..., 0]
-        ratio = torch.exp(log_probs - batch.log_probs)
+        moved = (log_probs - batch.log_probs).masked_fill(~batch.acting, 0.0)  # masked actions: no numbers
+        ratio = torch.exp(moved)
         clipped = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
         gain = torch.minimum(ratio * batch.advantages, clipped * batch.advantages)
         entropy = -(log_policy.exp() * log_policy).sum(dim=2)
@@ -173,48 +177,58 @@ class Ippo:
         agents = batch.actions.shape[1] if self.own_weights else 1
         return {name: value.detach() / agents for name, value in losses.items()}
 
-    def _step(self, batch: Batch, progress: float) -> dict[str, Tensor]:
+    def _step(self, shards: Sequence[Batch], progress: float, cloning: bool) -> dict[str, Tensor]:
         """One step of Adam on the shards' losses, weighted by size; returns them and the gradient's norm."""
-        shards = self._shards(batch)
+        if not cloning:
+            shards = [replace(shard, optimal=None) for shard in shards]
         descents = list(self.workers.map(lambda shard: self._descent(shard, progress), shards))
-        weights = [len(shard) / len(batch) for shard in shards]
-        for index, parameter in enumerate(self.parameters):
-            parameter.grad = _weighted(weights, [gradients[index] for gradients, _ in descents])
-        norm = nn.utils.clip_grad_norm_(self.parameters, self.settings.gradient_clip or float("inf"))
+        count = sum(len(shard) for shard in shards)
+        weights = [len(shard) / count for shard in shards]
+        gradient = _weighted(weights, [part for part, _ in descents])
+        norm = torch.linalg.vector_norm(gradient)
+        if self.settings.gradient_clip > 0.0:
+            gradient *= (self.settings.gradient_clip / (norm + _LITTLE)).clamp(max=1.0)
+        for parameter, part in zip(self.parameters, torch.split(gradient, self.sizes), strict=True):
+            parameter.grad = part.view_as(parameter)
         self.optimiser.step()
         losses = {name: _weighted(weights, [parts[name] for _, parts in descents]) for name in descents[0][1]}
         return {**losses, "gradient": norm}
 
     def _shards(self, batch: Batch) -> list[Batch]:
-        """Equal parts, one for each thread where there is enough for it to do."""
+        """Equal parts, one for each thread where there is enough for it to do, with prepared inputs."""
         edges = batch.inputs.costs_q.numel()
         count = max(1, min(self.threads, edges // _LEAST_EDGES, len(batch)))
-        if count == 1:
-            return [batch]
-        return [batch.rows(rows) for rows in torch.arange(len(batch), device=self.device).chunk(count)]
+        rows = torch.arange(len(batch), device=self.device).chunk(count)
+        parts = [batch] if count == 1 else [batch.rows(some) for some in rows]
+        prepared = self.workers.map(self.network.prepared, [part.inputs for part in parts])
+        return [replace(part, inputs=inputs) for part, inputs in zip(parts, prepared, strict=True)]
 
-    def _descent(self, batch: Batch, progress: float) -> tuple[Sequence[Tensor], dict[str, Tensor]]:
-        """The loss's gradient by every parameter, and its parts. The parameters keep theirs."""
+    def _descent(self, batch: Batch, progress: float) -> tuple[Tensor, dict[str, Tensor]]:
+        """The loss's gradient by all parameters, one after the other, and the loss's parts."""
         loss, parts = self._loss(batch, progress)
         used = torch.autograd.grad(loss, self.parameters, allow_unused=True, materialize_grads=True)
-        return used, parts
+        return torch.cat([gradient.flatten() for gradient in used]), parts
 
     @torch.no_grad()
     def _batch(self, rollout: Rollout, progress: float) -> Batch:
-        inputs = policy_inputs(rollout.problems, self.device)
+        inputs = policy_inputs(rollout.views, self.device)
         acting = inputs.eligible.any(dim=2)
         returns = None
         if self.settings.advantage == "gae":
             advantages, returns = self._generalised(rollout, inputs)
         else:
-            advantages = self._counterfactual(rollout, inputs)
+            advantages = self._counterfactual(rollout)
+        optimal = self._slots(rollout.problems) + 1 if self._clone_weight(progress) > 0.0 else None
+        actions = rollout.actions
+        if rollout.own is not None:  # everybody decides for itself, on its own view
+            mine = nn.functional.one_hot(rollout.own, actions.shape[1]).bool().to(self.device)
+            acting = acting & mine
+            actions, advantages = _to_views(actions, mine), _to_views(advantages, mine)
+            optimal = None if optimal is None else _to_views(optimal, mine)
         if self.settings.normalise_advantages:
             advantages = self._normalised(advantages, acting)
-        log_probs = torch.log_softmax(rollout.logits, dim=2).gather(2, rollout.actions[..., None])[..., 0]
-        optimal = None
-        if self._clone_weight(progress) > 0.0:
-            optimal = self._slots(rollout.problems) + 1
-        return Batch(inputs, acting, rollout.actions, log_probs, advantages, returns, optimal)
+        log_probs = torch.log_softmax(rollout.logits, dim=2).gather(2, actions[..., None])[..., 0]
+        return Batch(inputs, acting, actions, log_probs, advantages, returns, optimal)
 
     def _generalised(self, rollout: Rollout, inputs: PolicyInputs) -> tuple[Tensor, Tensor]:
         """Advantages and returns, (T E, N)."""
@@ -233,9 +247,11 @@ class Ippo:
         advantages = generalised_advantages(rewards, values, following, terminated, ended, gamma, gae_lambda)
         return advantages.flatten(0, 1), (advantages + values).flatten(0, 1)
 
-    def _counterfactual(self, rollout: Rollout, inputs: PolicyInputs) -> Tensor:
-        """(T E, N). Busy agents count as claiming what the optimum promises them: looking ahead pays."""
+    def _counterfactual(self, rollout: Rollout) -> Tensor:
+        """(T E, N), paid by the costs as they were. Busy agents count as claiming what the optimum promises
+        them: looking ahead pays."""
         signals = self.signals
+        inputs = policy_inputs(rollout.problems, self.device)
         costs = torch.square(inputs.costs_q.float() / FULL_SCALE)
         if signals.dual_price > 0.0:
             eligible = inputs.eligible.cpu().numpy()
@@ -246,7 +262,11 @@ class Ippo:
             claims = torch.where(inputs.busy, self._slots(rollout.problems) + 1, claims)
         pay = Payment(signals.task_value, signals.conflict)
         payments = counterfactual_payments(costs, inputs.eligible, claims, pay)
-        return counterfactual_advantages(payments, torch.softmax(rollout.logits, dim=2), rollout.actions)
+        logits = rollout.logits
+        if rollout.own is not None:
+            agents = claims.shape[1]
+            logits = logits.view(-1, agents, agents, logits.shape[2]).diagonal(dim1=1, dim2=2).mT
+        return counterfactual_advantages(payments, torch.softmax(logits, dim=2), rollout.actions)
 
     def _slots(self, problems: ProblemBatch) -> Tensor:
         """(B, N) slot of every agent in the optimal assignment that looks ahead, -1 = none."""
@@ -283,6 +303,11 @@ class Ippo:
             group["lr"] = self.settings.learning_rate * fall * group["factor"]
 
 
+def _to_views(figures: Tensor, mine: Tensor) -> Tensor:
+    """(T E, N) of the agents -> (T E N, N) of their views, 0 where the view is another one's."""
+    return figures.repeat_interleave(figures.shape[1], dim=0) * mine
+
+
 def _weighted(weights: Sequence[float], parts: Sequence[Tensor]) -> Tensor:
-    """Their sum, always in the same order."""
+    """Their weighted sum, always in the same order."""
     return torch.stack([weight * part for weight, part in zip(weights, parts, strict=True)]).sum(dim=0)

@@ -28,11 +28,17 @@ Act = Callable[[ProblemBatch], tuple[Tensor, Tensor]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rollout:
-    """T steps of E copies; where one axis stands for both, it is [step * E + copy]."""
+    """T steps of E copies; where one axis stands for both, it is [step * E + copy].
 
-    problems: ProblemBatch  # (T E, ..)
+    With loss every agent decides on a view of its own: V = T E N of them, [(step * E + copy) * N + agent].
+    Without, V = T E and all agents share a snapshot.
+    """
+
+    problems: ProblemBatch  # (T E, ..) as they were
+    views: ProblemBatch  # (V, ..) what was decided on; without loss the same
+    own: Tensor | None  # (V,) int64 whose view it is; None = all agents'
     actions: Tensor  # (T E, N) int64
-    logits: Tensor  # (T E, N, M + 1) of the policy that acted
+    logits: Tensor  # (V, N, M + 1) of the policy that acted
     rewards: Tensor  # (T, E, N) r_i(t)
     team_rewards: Tensor  # (T, E) R(t)
     terminated: Tensor  # (T, E) bool
@@ -56,8 +62,13 @@ class Collector:
     def __init__(self, settings: TrainSettings, pool: WorldPool) -> None:
         if settings.environment.loss > 0.0:
             raise ConfigError(
-                f"[environment] loss = {settings.environment.loss}: training takes the common snapshot, "
-                "which relays complete; set loss = 0"
+                f"[environment] loss = {settings.environment.loss}: give every ingredient its own: "
+                "set loss in [[episodes]]"
+            )
+        if settings.ppo.advantage != "counterfactual" and any(one.loss for one in settings.episodes):
+            raise ConfigError(
+                f'[[episodes]] loss with advantage = "{settings.ppo.advantage}": a value of a view that only '
+                'its holder has is not learned; set loss = 0 or advantage = "counterfactual"'
             )
         self._settings, self._pool = settings, pool
         self._random = np.random.default_rng((settings.seed, 1))
@@ -109,15 +120,23 @@ def environment_of(base: EnvSettings, episode: EpisodeSettings, agents: int, tas
         tasks=tasks,
         turnover=episode.turnover,
         episode_steps=episode.episode_steps,
+        loss=episode.loss,
+        relay=episode.relay,
     )
 
 
 def _play(env: VectorEnv, steps: int, act: Act) -> Rollout:
-    seen, acted, logits, finals, final_at = [], [], [], [], []
-    outcomes = _Outcomes(steps, env.copies, env.settings.agents)
+    seen, held, acted, logits, finals, final_at = [], [], [], [], [], []
+    agents, lossy = env.settings.agents, env.settings.loss > 0.0
+    outcomes = _Outcomes(steps, env.copies, agents)
     for step in range(steps):
         problems = joined([env.problems])
-        actions, behind = act(problems)
+        if lossy:
+            held.append(joined([env.views()]))
+            actions, behind = act(held[-1])
+            actions = actions.view(env.copies, agents, agents).diagonal(dim1=1, dim2=2).contiguous()
+        else:
+            actions, behind = act(problems)
         done = env.step(actions.cpu().numpy())
         outcomes.add(step, done)
         if done.final is not None:
@@ -127,8 +146,11 @@ def _play(env: VectorEnv, steps: int, act: Act) -> Rollout:
         acted.append(actions)
         logits.append(behind)
     where = np.concatenate(final_at) if final_at else np.zeros(0, np.int64)
+    whole = joined(seen)
     return Rollout(
-        problems=joined(seen),
+        problems=whole,
+        views=joined(held) if lossy else whole,
+        own=torch.arange(agents).repeat(steps * env.copies) if lossy else None,
         actions=torch.cat(acted),
         logits=torch.cat(logits),
         rewards=torch.from_numpy(outcomes.rewards),

@@ -37,6 +37,8 @@ class EpisodeSettings:
     episode_steps: int = number(1, 1, 100_000)  # truncation
     copies: int = number(0, 0, 100_000)  # 0: as many as `edges` allow
     edges: int = number(50_000, 1, 100_000_000)  # agent-task pairs in a batch, where copies = 0
+    loss: float = number(0.0, 0.0, 0.99)  # of frames; above 0 every agent decides on the rows that it holds
+    relay: bool = True  # with loss: peers pass rows on
 
     def sizes(self, agents: int) -> tuple[int, int]:
         """Least and most tasks for so many agents."""
@@ -45,7 +47,8 @@ class EpisodeSettings:
 
     def copies_of(self, agents: int, tasks: int) -> int:
         """Copies of the environment at this size."""
-        return self.copies or max(1, self.edges // (self.fragment_steps * agents * tasks))
+        views = agents if self.loss else 1
+        return self.copies or max(1, self.edges // (self.fragment_steps * views * agents * tasks))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ interrupted.
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from typing import Any
 import torch
 
 from hippomat_core.allocation.graphsage_settings import GraphSageSettings
-from hippomat_core.errors import ConfigError
+from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_sim.learn.checkpoint import load_checkpoint, save_checkpoint
 from hippomat_sim.learn.frozen_set import Evaluation, FrozenSet
 from hippomat_sim.learn.ippo import Ippo
@@ -31,6 +32,10 @@ from hippomat_sim.learn.world_pool import WorldPool
 
 Row = dict[str, Any]
 _MOST_THREADS = 4
+
+
+class TrainingDiverged(HippomatError):
+    """A loss or a gradient is no number any more."""
 
 
 @dataclass(slots=True)
@@ -120,6 +125,7 @@ class Training:
         rollout = self.collector.collect(self.ippo.act)
         collected_s = time.perf_counter()
         losses = self.ippo.learn(rollout, progress)
+        self._check(losses)
         learned_s = time.perf_counter()
         clock = self.clock
         clock.update += 1
@@ -134,6 +140,15 @@ class Training:
             )
             row["evaluation"] = self.evaluation
         return {**row, "collect_s": clock.collect_s, "learn_s": clock.learn_s}
+
+    def _check(self, losses: dict[str, float]) -> None:
+        """Weights that are no numbers must not overwrite the last checkpoint."""
+        for name, value in losses.items():
+            if not math.isfinite(value):
+                raise TrainingDiverged(
+                    f"{self.folder}: {name} = {value} at update {self.clock.update + 1}: the run diverged; "
+                    "lower [ppo] learning_rate or set gradient_clip"
+                )
 
     def save(self) -> Path:
         """Everything that resumed() needs."""

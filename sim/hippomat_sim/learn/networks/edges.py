@@ -5,7 +5,7 @@ The same numbers, computed in the same order, as the core's graphsage_edges: a t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor
@@ -45,6 +45,23 @@ class Edges:
     allowed: Tensor  # (B, N, M + 1) bool: valid actions
     ages_rounds: Tensor  # (B, N)
     busy: Tensor  # (B, N) bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenEdges(PolicyInputs):
+    """Snapshots whose edges are worked out already."""
+
+    edges: Edges
+    features: Tensor  # as edge_features gives them
+
+
+def seen_edges(inputs: PolicyInputs, settings: GraphSageSettings) -> SeenEdges:
+    """Worked out now, or before."""
+    if isinstance(inputs, SeenEdges):
+        return inputs
+    edges = edges_of(inputs, settings)
+    arrays = {field.name: getattr(inputs, field.name) for field in fields(PolicyInputs)}
+    return SeenEdges(**arrays, edges=edges, features=edge_features(edges))
 
 
 def edges_of(inputs: PolicyInputs, settings: GraphSageSettings) -> Edges:
@@ -101,7 +118,7 @@ def _wait(cost: Tensor, own: Tensor, column_in: Tensor, factor: float) -> Tensor
 
 
 def edge_features(edges: Edges) -> Tensor:
-    """(B, N, M, FEATURES); 0 where not valid."""
+    """(FEATURES, B, N, M) float32; 0 where not valid."""
     cost = edges.cost.float().masked_fill(~edges.valid, _INFINITE)
     row_least, other_task = _least_and_other(cost, edges.row_rank, 2)
     column_least, other_agent = _least_and_other(cost, edges.column_rank, 1)
@@ -118,8 +135,7 @@ def edge_features(edges: Edges) -> Tensor:
         (edges.ages_rounds.clamp(max=AGE_SPAN_ROUNDS) / 10.0)[:, :, None],
         edges.busy.to(cost.dtype)[:, :, None],
     )
-    stacked = torch.stack([plane.expand_as(cost) for plane in planes], dim=3)
-    return stacked.masked_fill(~edges.valid[..., None], 0.0)
+    return torch.stack([plane.expand_as(cost) for plane in planes]).masked_fill(~edges.valid, 0.0)
 
 
 def _ranks(cost: Tensor, dim: int) -> Tensor:

@@ -29,11 +29,12 @@ from hippomat_core.allocation.graphsage_settings import (
     WEAKEST_SHARE,
     GraphSageSettings,
 )
-from hippomat_sim.learn.networks.edges import Edges, edge_features, edges_of
+from hippomat_sim.learn.networks.edges import Edges, SeenEdges, seen_edges
 from hippomat_sim.learn.networks.head import NOTHING, net_offers
 from hippomat_sim.learn.networks.inputs import PolicyInputs
 from hippomat_sim.learn.networks.masks import masked
 from hippomat_sim.learn.networks.network import PolicyNetwork
+from hippomat_sim.learn.networks.trunk import TrunkMatrices, run_trunk
 
 
 class Hop(nn.Module):
@@ -45,17 +46,29 @@ class Hop(nn.Module):
         self.mix = nn.Linear(settings.width + 3 * settings.heads, settings.hidden)
         self.out = nn.Linear(settings.hidden, settings.width)
 
-    def forward(self, e: Tensor, valid: Tensor | None) -> Tensor:
-        """e: (B, N, M, width)  valid: (B, N, M, 1); None = all are, which saves the masks."""
+    def forward(self, e: Tensor, valid: Tensor) -> Tensor:
+        """e: (B, N, M, width)  valid: (B, N, M, 1)."""
         q = self.query(e)
-        held = q if valid is None else q.masked_fill(~valid, NOTHING)
-        shares = [torch.log_softmax(held, dim).clamp(min=WEAKEST_SHARE) for dim in (2, 1)]
-        if valid is not None:
-            invalid = ~valid
-            shares = [share.masked_fill(invalid, WEAKEST_SHARE) for share in shares]
-        shares = [share * SHARE_SIZE for share in shares]
+        held = q.masked_fill(~valid, NOTHING)
+        shares = [self._share(held, valid, dim) for dim in (2, 1)]
         heard: Tensor = self.out(torch.relu(self.mix(torch.cat([e, q, *shares], dim=3))))
         return e + heard
+
+    @staticmethod
+    def _share(q: Tensor, valid: Tensor, dim: int) -> Tensor:
+        share = torch.log_softmax(q, dim).clamp(min=WEAKEST_SHARE)
+        return share.masked_fill(~valid, WEAKEST_SHARE) * SHARE_SIZE
+
+    def matrices(self) -> tuple[Tensor, Tensor, Tensor]:
+        """As run_trunk takes them."""
+        mix, width = _matrix(self.mix), self.query.in_features
+        turned = torch.cat([mix[:, width:-1], mix[:, :width], mix[:, -1:]], dim=1)
+        return _matrix(self.query), turned, _matrix(self.out)
+
+
+def _matrix(layer: nn.Linear) -> Tensor:
+    """(out, in + 1), the bias last."""
+    return torch.cat([layer.weight, layer.bias[:, None]], dim=1)
 
 
 class GraphSageNetwork(PolicyNetwork):
@@ -77,44 +90,64 @@ class GraphSageNetwork(PolicyNetwork):
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)
 
-    def embeddings(self, edges: Edges) -> Tensor:
+    def prepared(self, inputs: PolicyInputs) -> PolicyInputs:
+        return seen_edges(inputs, self.settings)
+
+    def embeddings(self, seen: SeenEdges) -> Tensor:
         """(B, N, M, width) of every edge; meaningless where the edge is not valid."""
-        e: Tensor = self.edge_out(torch.relu(self.edge_in(edge_features(edges).to(self.out.weight.dtype))))
-        valid = None if bool(edges.valid.all()) else edges.valid[..., None]
+        features = seen.features.permute(1, 2, 3, 0).to(self.out.weight.dtype)
+        e: Tensor = self.edge_out(torch.relu(self.edge_in(features)))
         for hop in self.hops:
-            e = hop(e, valid)
+            e = hop(e, seen.edges.valid[..., None])
         return e
 
+    def learned(self, seen: SeenEdges) -> Tensor:
+        """(3, B, N, M): score, price and weight of every edge."""
+        if self.out.weight.device.type == "cpu" and self.out.weight.dtype == torch.float32:
+            valid = seen.edges.valid
+            return run_trunk(self._matrices(), seen.features, None if bool(valid.all()) else valid)
+        return self._said(self.embeddings(seen))
+
+    def _said(self, e: Tensor) -> Tensor:
+        said: Tensor = self.out(e)
+        return said.permute(3, 0, 1, 2)
+
+    def _matrices(self) -> TrunkMatrices:
+        hops = tuple(hop.matrices() for hop in self.hops if isinstance(hop, Hop))
+        return TrunkMatrices(_matrix(self.edge_in), _matrix(self.edge_out), hops, _matrix(self.out))
+
     def evaluate(self, inputs: PolicyInputs) -> tuple[Tensor, Tensor]:
-        edges = edges_of(inputs, self.settings)
-        e = self.embeddings(edges)
-        return self._logits(edges, e), self._values(edges, e)
+        seen = seen_edges(inputs, self.settings)
+        e = self.embeddings(seen)
+        return self._logits(seen.edges, self._said(e)), self._values(seen.edges, e)
 
     def forward(self, inputs: PolicyInputs) -> Tensor:
-        edges = edges_of(inputs, self.settings)
-        return self._logits(edges, self.embeddings(edges))
-
-    def _logits(self, edges: Edges, e: Tensor) -> Tensor:
-        return self._with_head(edges, e, self.settings) if self.settings.head else self._alone(edges, e)
+        seen = seen_edges(inputs, self.settings)
+        return self._logits(seen.edges, self.learned(seen))
 
     def evaluate_both(self, inputs: PolicyInputs, head: GraphSageSettings) -> tuple[Tensor, Tensor]:
         """Logits of the learned part alone and with a head of these settings; what they share runs once."""
-        edges = edges_of(inputs, head)
-        e = self.embeddings(edges)
-        return self._alone(edges, e), self._with_head(edges, e, head)
+        seen = seen_edges(inputs, self.settings)
+        learned = self.learned(seen)
+        return self._alone(seen.edges, learned), self._with_head(seen.edges, learned, head)
 
-    def _alone(self, edges: Edges, e: Tensor) -> Tensor:
-        score = self.out(e)[..., 0]
-        offers = torch.cat([-edges.wait[..., None], score - edges.cost], dim=2)
-        return masked(offers.to(e.dtype), edges.allowed)
+    def _logits(self, edges: Edges, learned: Tensor) -> Tensor:
+        return (
+            self._with_head(edges, learned, self.settings)
+            if self.settings.head
+            else self._alone(edges, learned)
+        )
 
-    def _with_head(self, edges: Edges, e: Tensor, settings: GraphSageSettings) -> Tensor:
-        out = self.out(e)
-        weights = torch.softmax(out[..., 2].masked_fill(~edges.valid, NOTHING), dim=1)
-        first_prices = PRICE_SIZE * (weights * out[..., 1]).sum(dim=1)
+    def _alone(self, edges: Edges, learned: Tensor) -> Tensor:
+        offers = torch.cat([-edges.wait[..., None], learned[0] - edges.cost], dim=2)
+        return masked(offers.to(learned.dtype), edges.allowed)
+
+    def _with_head(self, edges: Edges, learned: Tensor, settings: GraphSageSettings) -> Tensor:
+        weights = torch.softmax(learned[2].masked_fill(~edges.valid, NOTHING), dim=1)
+        first_prices = PRICE_SIZE * (weights * learned[1]).sum(dim=1)
         offers = net_offers(edges, first_prices, settings).masked_fill(~edges.allowed, NOTHING)
         behind = (offers - offers.amax(dim=2, keepdim=True)) / settings.head_temperature
-        return masked(behind.clamp(min=-LOGIT_SPAN).to(e.dtype), edges.allowed)
+        return masked(behind.clamp(min=-LOGIT_SPAN).to(learned.dtype), edges.allowed)
 
     def _values(self, edges: Edges, e: Tensor) -> Tensor:
         """(B, N) from the row's mean edge, its cheapest edges and the mean of all edges."""

@@ -15,14 +15,21 @@ always a complete solution, with as few of them as the prices allow.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from hippomat_core.allocation.graphsage_settings import CLOSED_EXTRA, GraphSageSettings
 from hippomat_sim.learn.networks.edges import Edges
+from hippomat_sim.learn.networks.head_kernels import settle, settle_backward
 
 NOTHING = -1e9  # finite, so that nothing minus nothing is no NaN
+
+Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,12 +41,25 @@ class Market:
     log_columns: Tensor  # (B,) of the slack column's
     open: Tensor  # (B,) bool: both slacks are unlimited
 
+    def limited(self) -> tuple[Tensor, Tensor]:
+        """(B, N + 1) and (B, M + 1) bool: potentials that move.
+
+        The others are zero: where nothing takes part, and slacks without limit.
+        """
+        possible = self.benefit > NOTHING / 2
+        rows, columns = possible.any(dim=2), possible.any(dim=1)
+        for side in (rows, columns):
+            side[:, -1] &= ~self.open
+        return rows, columns
+
 
 def net_offers(edges: Edges, first_prices: Tensor, settings: GraphSageSettings) -> Tensor:
     """(B, N, M + 1) b_ij - v_j in units of the scale, no request in front. first_prices: (B, M)."""
     market = market_of(edges)
     first = torch.cat([first_prices, torch.zeros_like(first_prices[:, :1])], dim=1).double()
-    final = prices(market, torch.where(market.open[:, None], first.clamp(min=0.0), first), settings)
+    first = torch.where(market.open[:, None], first.clamp(min=0.0), first)
+    on_cpu = first.device.type == "cpu"
+    final = fast_prices(market, first, settings) if on_cpu else prices(market, first, settings)
     net = market.benefit[:, :-1] - final[:, None, :]
     tasks, slack = net[:, :, :-1], net[:, :, -1:]
     beyond = tasks.masked_fill(~edges.closed, NOTHING).amax(dim=2, keepdim=True)
@@ -63,15 +83,58 @@ def market_of(edges: Edges) -> Market:
 def prices(market: Market, first: Tensor, settings: GraphSageSettings) -> Tensor:
     """(B, M + 1) v_j after all steps, the slack column's last. first: (B, M + 1) where they begin."""
     benefit = market.benefit
-    rows, columns = (benefit > NOTHING / 2).any(dim=2), (benefit > NOTHING / 2).any(dim=1)
-    u, v = torch.zeros_like(benefit[:, :, 0]), _settled(first, columns, market.open)
+    rows, columns = market.limited()
+    u, v = torch.zeros_like(benefit[:, :, 0]), first.masked_fill(~columns, 0.0)
     for step, tau in enumerate(temperatures(settings)):
         rate = settings.relaxation if step else 1.0
-        u = u + rate * (_potential(benefit - v[:, None, :], columns[:, None, :], tau, market.log_rows, 2) - u)
-        u = _settled(u, rows, market.open)
-        v = v + rate * (_potential(benefit - u[:, :, None], rows[:, :, None], tau, market.log_columns, 1) - v)
-        v = _settled(v, columns, market.open)
+        u = u + rate * (_potential(benefit - v[:, None, :], tau, market.log_rows, 2) - u)
+        u = u.masked_fill(~rows, 0.0)
+        v = v + rate * (_potential(benefit - u[:, :, None], tau, market.log_columns, 1) - v)
+        v = v.masked_fill(~columns, 0.0)
     return v
+
+
+def fast_prices(market: Market, first: Tensor, settings: GraphSageSettings) -> Tensor:
+    """As `prices`, compiled, on a CPU; the gradient goes to `first` alone."""
+    final: Tensor = _Settled.apply(first, market, settings)  # type: ignore[no-untyped-call]
+    return final
+
+
+class _Settled(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, first: Tensor, market: Market, settings: GraphSageSettings) -> Tensor:
+        taus = np.array(temperatures(settings))
+        steps = np.column_stack([taus, np.full(len(taus), settings.relaxation)])
+        steps[0, 1] = 1.0
+        benefit, slack, free = _innermost_snapshots(market)
+        u = np.zeros((len(taus) + 1, benefit.shape[0], benefit.shape[2]))
+        v = np.empty((len(taus) + 1, benefit.shape[1], benefit.shape[2]))
+        _, limited = market.limited()
+        v[0] = first.detach().masked_fill(~limited, 0.0).numpy().T
+        settle(benefit, slack, free, steps, u, v)
+        ctx.given, ctx.limited = (benefit, slack, free, steps, u, v), limited
+        return torch.from_numpy(v[-1].T.copy())
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *by_outputs: Tensor) -> Any:
+        by_v = by_outputs[0].T.numpy().copy()
+        benefit, slack, free, steps, u, v = ctx.given
+        settle_backward(benefit, slack, free, steps, u, v, by_v)
+        return torch.from_numpy(by_v.T.copy()).masked_fill(~ctx.limited, 0.0), None, None
+
+
+def _innermost_snapshots(market: Market) -> tuple[Values, tuple[Values, Values], tuple[Values, Values]]:
+    """Benefits, capacities and what moves, as the kernels take them."""
+    rows, columns = market.limited()
+    slacks = []
+    for side, log_slack in ((rows, market.log_rows), (columns, market.log_columns)):
+        slack = np.zeros((side.shape[1], len(side)))
+        slack[-1] = log_slack.numpy()
+        slacks.append(slack)
+    benefit = np.ascontiguousarray(market.benefit.numpy().transpose(1, 2, 0))
+    free = (rows.T.double().contiguous().numpy(), columns.T.double().contiguous().numpy())
+    return benefit, (slacks[0], slacks[1]), free
 
 
 def temperatures(settings: GraphSageSettings) -> list[float]:
@@ -81,13 +144,7 @@ def temperatures(settings: GraphSageSettings) -> list[float]:
     return [settings.tau_first * ratio ** (step / last) for step in range(settings.head_steps)]
 
 
-def _potential(net: Tensor, taking_part: Tensor, tau: float, log_slack: Tensor, dim: int) -> Tensor:
+def _potential(net: Tensor, tau: float, log_slack: Tensor, dim: int) -> Tensor:
     """tau log sum exp(net / tau) along dim; the slack's, which is last, less tau log of its capacity."""
-    total = tau * torch.logsumexp(net.masked_fill(~taking_part, NOTHING) / tau, dim=dim)
+    total = tau * torch.logsumexp(net / tau, dim=dim)
     return torch.cat([total[:, :-1], total[:, -1:] - tau * log_slack[:, None]], dim=1)
-
-
-def _settled(potential: Tensor, taking_part: Tensor, open_: Tensor) -> Tensor:
-    """Zero where nothing takes part, and for slacks without limit."""
-    limited = torch.cat([taking_part[:, :-1], taking_part[:, -1:] & ~open_[:, None]], dim=1)
-    return potential.masked_fill(~limited, 0.0)

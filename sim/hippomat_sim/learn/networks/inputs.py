@@ -59,10 +59,10 @@ class PolicyInputs:
 
     def __getitem__(self, rows: Tensor | slice) -> PolicyInputs:
         """The chosen snapshots."""
-        return PolicyInputs(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return PolicyInputs(*(getattr(self, field.name)[rows] for field in fields(PolicyInputs)))
 
     def to(self, device: torch.device | str) -> PolicyInputs:
-        return PolicyInputs(*(getattr(self, field.name).to(device) for field in fields(self)))
+        return PolicyInputs(*(getattr(self, field.name).to(device) for field in fields(PolicyInputs)))
 
     def permuted(self, agents: Tensor, slots: Tensor) -> PolicyInputs:
         """The same snapshots with agent agents[i] in row i and the task of slots[j] in slot j."""

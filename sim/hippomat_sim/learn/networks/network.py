@@ -27,6 +27,10 @@ class PolicyNetwork(nn.Module):
         """Logits (B, N, M + 1)."""
         return self.evaluate(inputs)[0]
 
+    def prepared(self, inputs: PolicyInputs) -> PolicyInputs:
+        """The same snapshots with what no weight changes worked out, for those that see them repeatedly."""
+        return inputs
+
     def values(self, inputs: PolicyInputs) -> Tensor:
         """(B, N) expected return."""
         return self.evaluate(inputs)[1]
