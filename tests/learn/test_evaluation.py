@@ -10,7 +10,9 @@ import pytest
 from world_samples import SMALL
 
 from hippomat_core.errors import ConfigError
+from hippomat_sim.learn.env import VectorEnv
 from hippomat_sim.learn.evaluation import (
+    fleet_actions,
     play_continuous,
     play_first_requests,
     play_one_shot,
@@ -42,7 +44,7 @@ def method(name: str, agents: int, tasks: int) -> Method:
 def instances_of(costs_ms: list[list[int]]) -> Instances:
     """One instance; a code is a hundredth of its time."""
     travel = np.array([costs_ms], np.uint16)
-    return Instances(travel, (travel // 100).astype(np.uint8))
+    return Instances(travel, (travel // 100).astype(np.uint8), np.zeros(1, np.int64))
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ def test_losers_ask_again_until_all_are_served() -> None:
         "clean": [1],
         "cost_ms": [2200],
         "left": [0],
+        "world": [0],
     }
 
 
@@ -81,7 +84,8 @@ def test_equal_codes_go_to_the_smaller_id() -> None:
 
 
 def test_what_cannot_be_had_is_no_request() -> None:
-    instances = Instances(np.array([[[100, 65535]]], np.uint16), np.array([[[1, 255]]], np.uint8))
+    travel, codes = np.array([[[100, 65535]]], np.uint16), np.array([[[1, 255]]], np.uint8)
+    instances = Instances(travel, codes, np.zeros(1, np.int64))
     free, waiting = np.ones((1, 1), np.bool_), np.array([[False, True]])
     for action in (1, 2):
         winners, asking = resolve(np.array([[action]]), instances.problems(np.array([0]), free, waiting))
@@ -167,3 +171,27 @@ def test_losses_make_conflicts_and_relays_remove_them(pool: WorldPool) -> None:
 
     assert share(0.0, True) == 1.0
     assert share(0.5, False) < share(0.5, True)
+
+
+def test_figures_say_in_which_world_they_are(pool: WorldPool) -> None:
+    instances = draw_instances(pool, 40, 4, 4, seed=2)
+    assert set(instances.world.tolist()) == set(range(len(pool.travel_ms)))
+    for travel, world in zip(instances.travel_ms, instances.world, strict=True):
+        assert np.isin(travel[0], pool.travel_ms[world, 0]).all()
+    greedy = method("greedy", 4, 4)
+    assert np.array_equal(play_one_shot(greedy, instances)["world"], instances.world)
+    assert np.array_equal(play_permuted(greedy, instances, 0)["world"], instances.world)
+
+
+def test_a_copy_of_continuous_tasks_stays_in_its_world(pool: WorldPool) -> None:
+    settings = EnvSettings(agents=4, tasks=8, turnover="on_claim", episode_steps=60, world=WORLD)
+    hungarian = method("hungarian", 4, 8)
+    figures = play_continuous(hungarian, settings, pool, 30, seed=0, warm_up_steps=10)
+    env = VectorEnv(replace(settings, episode_steps=71), pool, 30, seed=0)
+    problems = env.reset()
+    worlds = env.hidden.world.copy()
+    assert set(worlds.tolist()) == set(range(len(pool.travel_ms)))
+    for number in range(70):
+        problems = env.step(fleet_actions(hungarian, env, problems, number)).problems
+    assert np.array_equal(env.hidden.world, worlds)
+    assert np.array_equal(figures["world"], worlds)

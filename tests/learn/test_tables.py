@@ -20,8 +20,9 @@ from hippomat_sim.bench.tables_figures import METRICS, Figure, figures_of
 from hippomat_sim.bench.tables_files import CSV_COLUMNS, as_csv, as_markdown
 from hippomat_sim.bench.tables_goals import Goal, goals_of, verdict
 from hippomat_sim.bench.tables_layout import NOT_TRAINED, Book, number, shown
+from hippomat_sim.bench.tables_measure import TEST_SPLIT, Bench
 from hippomat_sim.bench.tables_paper import CONTINUOUS_COST, FIXED_COST, FIXED_TIME, OURS, paper_value
-from hippomat_sim.bench.tables_run import TEST_SPLIT, Bench, Results, run
+from hippomat_sim.bench.tables_run import Results, run
 from hippomat_sim.bench.tables_sections import sections_of
 from hippomat_sim.bench.tables_stats import Estimate
 from hippomat_sim.bench.tables_store import STORE_NAME, Store
@@ -58,6 +59,18 @@ def test_a_plan_measures_every_cell_once_and_what_is_compared_with() -> None:
 def test_slow_methods_get_the_first_of_the_same_instances() -> None:
     counts = {cell.method: cell.count for cell in Plan(agents=(5,)).cells() if cell.kind == kinds.ONE_SHOT}
     assert counts["ipso_g"] == round(counts["greedy"] * METHODS["ipso_g"].share) < counts["greedy"]
+
+
+def test_continuous_tasks_have_copies_enough_for_their_goals() -> None:
+    cells = Plan().cells()
+    copies = {(cell.method, cell.agents): cell.count for cell in cells if cell.kind == kinds.CONTINUOUS}
+    assert copies["graphsage", 10] == copies["hungarian", 10] == 600
+    assert copies["graphsage", 30] == 200
+    assert copies["ipso_g", 10] == 10  # slow
+    under_loss = {
+        (cell.method, cell.agents): cell.count for cell in cells if cell.kind == kinds.LOSS_CONTINUOUS
+    }
+    assert under_loss["graphsage", 10] == 25
 
 
 # --- measuring ---

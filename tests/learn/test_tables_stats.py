@@ -50,6 +50,51 @@ def test_paired_differences_are_sharper_than_the_values() -> None:
     assert mean(values).high - mean(values).low > 1.0
 
 
+# --- worlds ---
+
+
+@given(COUNTS)
+def test_worlds_of_one_instance_each_are_drawn_as_instances_are(values: list[int]) -> None:
+    assert mean(values, np.arange(len(values)) + 5) == mean(values)
+
+
+@given(st.lists(st.integers(0, 4), min_size=2, max_size=40))
+def test_figures_that_are_the_same_everywhere_have_no_width(worlds: list[int]) -> None:
+    values = np.full(len(worlds), 3)
+    estimate = mean(values, worlds)
+    assert (estimate.value, estimate.low, estimate.high) == (3.0, 3.0, 3.0)
+    apart = difference(values + 1, values, values, values, worlds)
+    assert apart.low == pytest.approx(apart.high)
+
+
+def test_figures_of_one_world_say_less_than_so_many_independent_ones() -> None:
+    random = np.random.default_rng(3)
+    worlds = np.repeat(np.arange(32), 30)
+    values = random.normal(0.0, 2.0, 32)[worlds] + random.normal(0.0, 1.0, len(worlds))
+    together, alone = mean(values, worlds), mean(values)
+    assert together.value == alone.value
+    assert together.high - together.low > 3.0 * (alone.high - alone.low)
+
+
+@pytest.mark.parametrize("between", [0.0, 1.0])
+def test_intervals_over_worlds_cover_the_truth(between: float) -> None:
+    random, worlds = np.random.default_rng(4), np.repeat(np.arange(32), 10)
+    covered = 0
+    for _ in range(200):
+        values = random.normal(5.0, between, 32)[worlds] + random.normal(0.0, 1.0, len(worlds))
+        estimate = mean(values, worlds)
+        covered += estimate.low <= 5.0 <= estimate.high
+    assert covered >= 180
+
+
+def test_a_method_differs_from_itself_by_nothing_whatever_its_worlds() -> None:
+    random = np.random.default_rng(5)
+    values, worlds = random.integers(1, 100, 60), random.integers(0, 7, 60)
+    whole = np.full(60, 7)
+    same = difference(values, whole, values, whole, worlds)
+    assert (same.value, same.low, same.high) == (0.0, 0.0, 0.0)
+
+
 def test_nothing_counted_is_nan() -> None:
     assert math.isnan(ratio([], []).value)
     assert math.isnan(ratio([0, 0], [0, 0]).value)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import multiprocessing
+import os
+import signal
+from dataclasses import dataclass, replace
 
 from env_lab import small_pool
 
+from hippomat_sim.learn.runs import Run
 from hippomat_sim.learn.settings import EnvSettings
 from hippomat_sim.learn.train_settings import (
     BudgetSettings,
@@ -46,3 +50,20 @@ PAPER = replace(
     ),
 )
 GCN = replace(PAPER, network=NetworkSettings("gcn"), ppo=replace(PAPER.ppo, reward="team"))
+IMPOSSIBLE = replace(PAPER, episodes=OURS.episodes)  # of several sizes
+_SETTINGS = {"ours": OURS, "paper": PAPER, "impossible": IMPOSSIBLE}
+
+
+@dataclass(frozen=True, slots=True)
+class SmallRun(Run):
+    """A run of this module's settings. preset: their name, or what goes wrong in a process of its own."""
+
+    def settings(self, agent_steps: int | None = None) -> TrainSettings:
+        if multiprocessing.parent_process() is not None:
+            if self.preset == "killed":
+                os.kill(os.getpid(), signal.SIGKILL)
+            if self.preset == "buggy":
+                raise IndexError("a bug")
+        settings = _SETTINGS.get(self.preset, OURS)
+        steps = agent_steps or settings.budget.agent_steps
+        return replace(settings, budget=replace(settings.budget, agent_steps=steps))

@@ -22,8 +22,9 @@ from hippomat_sim.bench.tables_figures import figures_of
 from hippomat_sim.bench.tables_files import as_csv, as_json, as_markdown
 from hippomat_sim.bench.tables_goals import OURS, goals_of, verdict
 from hippomat_sim.bench.tables_layout import Book, Section
+from hippomat_sim.bench.tables_measure import TEST_SPLIT, Bench, fleet_of
 from hippomat_sim.bench.tables_preface import TITLE, preface
-from hippomat_sim.bench.tables_run import TEST_SPLIT, Bench, Results, fleet_of
+from hippomat_sim.bench.tables_run import Results
 from hippomat_sim.bench.tables_run import run as measure_all
 from hippomat_sim.bench.tables_sections import sections_of
 from hippomat_sim.bench.tables_show import show
@@ -39,6 +40,7 @@ _SHOWN_RUN = Run("paper", Fleet(10, kinds.CONTINUOUS_TASKS, "on_claim"))  # whos
 DEFAULT_OUT, DEFAULT_RUNS = Path("build/tables"), Path("build/runs")
 MARKDOWN, CSV, JSON = "results.md", "results.csv", "results.json"
 TRAIN = "hippomat-bench tables --train"
+TEST_WORLDS = 32  # intervals are as good as the number of worlds is large; each takes a second to prepare
 MOST_AGENTS = 64  # the air's limit
 
 
@@ -63,17 +65,17 @@ def run(options: argparse.Namespace) -> int:
     world = WorldSettings(worlds=options.worlds)
     bench = Bench(world, Sources(options.runs, options.policy), options.seed)
     if options.train is not None:
-        _train(plan, options.runs, options.train or None)
+        _train(plan, options.runs, options.train or None, options.jobs)
     return report(plan, bench, Output(options.out, options.resume, options.json, options.jobs))
 
 
-def _train(plan: Plan, runs: Path, agent_steps: int | None) -> None:
+def _train(plan: Plan, runs: Path, agent_steps: int | None, jobs: int) -> None:
     """Trains what the plan's methods miss."""
     from hippomat_sim.learn.train_missing import train_missing  # here: only training needs torch
 
     wanted = [run_of(cell.method, fleet_of(cell)) for cell in plan.cells() if cell.method != kinds.OPTIMUM]
-    console = Console(file=sys.stderr)
-    train_missing(missing([run for run in wanted if run is not None], runs), runs, agent_steps, console)
+    due = missing([run for run in wanted if run is not None], runs)
+    train_missing(due, runs, agent_steps, Console(file=sys.stderr), jobs)
 
 
 def report(plan: Plan, bench: Bench, output: Output) -> int:
@@ -207,13 +209,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--methods", metavar="A,B", help=f"{', '.join(METHODS)} (default all; {kinds.REFERENCE} always)")
     add("--agents", metavar="5,10", help="fleet sizes of all tables (default: each table has its own)")
-    text = f"instances of fixed tasks; continuous ones get as many / N copies (default {plan.episodes})"
+    text = f"instances of fixed tasks; {kinds.MORE_COPIES} K / N copies of continuous ones"
+    text = f"{text} (default {plan.episodes})"
     add("--episodes", type=int, default=plan.episodes, metavar="K", help=text)
     add("--seed", type=int, default=plan.seed, metavar="N", help="of the instances (default 0)")
     add("--loss", type=float, metavar="P", help="this loss alone instead of 10 to 50 %%")
     add("--only", metavar="A,B", help=f"parts: {', '.join(PARTS)} (default all)")
-    worlds = WorldSettings().worlds
-    add("--worlds", type=int, default=worlds, metavar="K", help=f"test worlds (default {worlds})")
+    text = f"test worlds (default {TEST_WORLDS})"
+    add("--worlds", type=int, default=TEST_WORLDS, metavar="K", help=text)
     text = "our policy, instead of the packaged one"
     add("--policy", type=Path, metavar="FILE", help=text)
     text = f"training runs of the other learned methods (default {DEFAULT_RUNS})"
@@ -224,5 +227,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--train", type=int, nargs="?", const=0, metavar="N", help=text)
     add("--resume", action="store_true", help=f"measure only what {STORE_NAME} in --out does not hold yet")
     cores = os.cpu_count() or 1
-    add("--jobs", type=int, default=cores, metavar="K", help=f"processes (default {cores}, the cores)")
+    text = f"processes that train and measure (default {cores}, the cores)"
+    add("--jobs", type=int, default=cores, metavar="K", help=text)
     add("--json", action="store_true", help="one JSON object instead of tables")

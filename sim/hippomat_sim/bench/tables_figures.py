@@ -12,9 +12,10 @@ import numpy as np
 
 from hippomat_sim.bench import tables_cells as kinds
 from hippomat_sim.bench.tables_cells import Cell
-from hippomat_sim.bench.tables_run import STEP_S, Results
+from hippomat_sim.bench.tables_measure import STEP_S
+from hippomat_sim.bench.tables_run import Results
 from hippomat_sim.bench.tables_stats import Estimate, difference, mean, ratio, ratio_of_ratios
-from hippomat_sim.learn.evaluation import Figures
+from hippomat_sim.learn.evaluation import Figures, Ints
 
 UNTRAINED = "graphsage_untrained"
 LEARNED = ("graphsage", "graphsage_no_head")  # compared with the untrained head
@@ -91,65 +92,77 @@ def _other(cell: Cell, method: str, results: Results, count: int) -> Figures | N
     return None
 
 
-def _one_shot(cell: Cell, results: Results) -> Iterator[tuple[str, Estimate]]:
+def _with_worlds(cell: Cell, results: Results) -> tuple[Figures, Ints | None]:
+    """The cell's figures, and the world of each instance where they have it."""
     figures = results.figures[cell]
+    return figures, figures.get("world")
+
+
+def _one_shot(cell: Cell, results: Results) -> Iterator[tuple[str, Estimate]]:
+    figures, worlds = _with_worlds(cell, results)
     count = len(figures["single"])
     tasks = np.full(count, min(cell.agents, cell.tasks))
-    yield "cf1", ratio(figures["single"], tasks).scaled(_PERCENT)
-    yield "ep", ratio(figures["clean"], figures["rounds"]).scaled(_PERCENT)
-    yield "rounds", mean(figures["rounds"])
-    yield "cost", mean(figures["cost_ms"]).scaled(1e-3)
-    yield "left", ratio(figures["left"], np.full(count, cell.agents)).scaled(_PERCENT)
+    yield "cf1", ratio(figures["single"], tasks, worlds).scaled(_PERCENT)
+    yield "ep", ratio(figures["clean"], figures["rounds"], worlds).scaled(_PERCENT)
+    yield "rounds", mean(figures["rounds"], worlds)
+    yield "cost", mean(figures["cost_ms"], worlds).scaled(1e-3)
+    yield "left", ratio(figures["left"], np.full(count, cell.agents), worlds).scaled(_PERCENT)
     other = _other(cell, kinds.REFERENCE, results, count)
     if other is not None:
-        yield "cost_over", ratio(figures["cost_ms"], other["cost_ms"]).scaled(_PERCENT, -_PERCENT)
+        over = ratio(figures["cost_ms"], other["cost_ms"], worlds)
+        yield "cost_over", over.scaled(_PERCENT, -_PERCENT)
     optimum = _other(cell, kinds.OPTIMUM, results, count)
     if optimum is not None:
-        yield "gap", ratio(figures["cost_ms"], optimum["cost_ms"]).scaled(_PERCENT, -_PERCENT)
+        over = ratio(figures["cost_ms"], optimum["cost_ms"], worlds)
+        yield "gap", over.scaled(_PERCENT, -_PERCENT)
     untrained = _other(cell, UNTRAINED, results, count) if cell.method in LEARNED else None
     if optimum is not None and untrained is not None:
         least = optimum["cost_ms"]
-        yield "cf1_learned", difference(figures["single"], tasks, untrained["single"], tasks).scaled(_PERCENT)
-        more = difference(figures["cost_ms"], least, untrained["cost_ms"], least)
+        more = difference(figures["single"], tasks, untrained["single"], tasks, worlds)
+        yield "cf1_learned", more.scaled(_PERCENT)
+        more = difference(figures["cost_ms"], least, untrained["cost_ms"], least, worlds)
         yield "gap_learned", more.scaled(_PERCENT)
 
 
 def _continuous(cell: Cell, results: Results) -> Iterator[tuple[str, Estimate]]:
-    figures = results.figures[cell]
+    figures, worlds = _with_worlds(cell, results)
     served, cost, steps = figures["served"], figures["cost_ms"], figures["steps"]
-    yield "cf", ratio(figures["requested"] - figures["contested"], figures["requested"]).scaled(_PERCENT)
-    yield "ep", ratio(figures["clean"], steps).scaled(_PERCENT)
-    yield "throughput", ratio(served, steps).scaled(1.0 / STEP_S)
-    yield "agent_s", ratio(steps, served).scaled(STEP_S * cell.agents)
-    yield "travel", ratio(cost, served).scaled(1e-3)
+    single = figures["requested"] - figures["contested"]
+    yield "cf", ratio(single, figures["requested"], worlds).scaled(_PERCENT)
+    yield "ep", ratio(figures["clean"], steps, worlds).scaled(_PERCENT)
+    yield "throughput", ratio(served, steps, worlds).scaled(1.0 / STEP_S)
+    yield "agent_s", ratio(steps, served, worlds).scaled(STEP_S * cell.agents)
+    yield "travel", ratio(cost, served, worlds).scaled(1e-3)
     other = _other(cell, kinds.REFERENCE, results, len(served))
     if other is not None:
-        more = ratio_of_ratios(steps, served, other["steps"], other["served"])
+        more = ratio_of_ratios(steps, served, other["steps"], other["served"], worlds)
         yield "agent_s_over", more.scaled(_PERCENT, -_PERCENT)
-        more = ratio_of_ratios(cost, served, other["cost_ms"], other["served"])
+        more = ratio_of_ratios(cost, served, other["cost_ms"], other["served"], worlds)
         yield "travel_over", more.scaled(_PERCENT, -_PERCENT)
 
 
 def _loss(cell: Cell, results: Results) -> Iterator[tuple[str, Estimate]]:
-    single = results.figures[cell]["single"]
+    figures, worlds = _with_worlds(cell, results)
+    single = figures["single"]
     tasks = np.full(len(single), min(cell.agents, cell.tasks))
-    yield "cf1", ratio(single, tasks).scaled(_PERCENT)
+    yield "cf1", ratio(single, tasks, worlds).scaled(_PERCENT)
     other = _other(cell, kinds.REFERENCE, results, len(single))
     if other is not None:
-        yield "cf1_over", difference(single, tasks, other["single"], tasks).scaled(_PERCENT)
+        yield "cf1_over", difference(single, tasks, other["single"], tasks, worlds).scaled(_PERCENT)
 
 
 def _permuted(cell: Cell, results: Results) -> Iterator[tuple[str, Estimate]]:
-    figures = results.figures[cell]
-    yield "same_slot", ratio(figures["same_slot"], figures["asked"]).scaled(_PERCENT)
-    yield "same_task", ratio(figures["same_task"], figures["asked"]).scaled(_PERCENT)
+    figures, worlds = _with_worlds(cell, results)
+    yield "same_slot", ratio(figures["same_slot"], figures["asked"], worlds).scaled(_PERCENT)
+    yield "same_task", ratio(figures["same_task"], figures["asked"], worlds).scaled(_PERCENT)
 
 
 def _time(cell: Cell, results: Results) -> Iterator[tuple[str, Estimate]]:
-    spent_ms = results.figures[cell]["decision_ns"] / 1e6
+    figures, worlds = _with_worlds(cell, results)
+    spent_ms = figures["decision_ns"] / 1e6
     median, low, high = (float(value) for value in np.percentile(spent_ms, (50, 5, 95)))
     yield "decision", Estimate(median, low, high, len(spent_ms))
-    yield "messages", mean(results.figures[cell]["messages"])
+    yield "messages", mean(figures["messages"], worlds)
 
 
 _MAKERS = {

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import platform
-from pathlib import Path
-
-from hippomat_sim.bench.tables_cells import Plan
-from hippomat_sim.bench.tables_run import STEP_S, STEPS, WARM_UP_STEPS, Bench
+from hippomat_sim.bench.tables_cells import MORE_COPIES, Plan
+from hippomat_sim.bench.tables_measure import STEP_S, STEPS, WARM_UP_STEPS, Bench
 from hippomat_sim.bench.tables_stats import RESAMPLES
 
 TITLE = "Results"
@@ -20,10 +17,11 @@ are UGVs with {ugv:g} m/s on the ground, half UAVs with {uav:g} m/s in 3D. Costs
 straight-line speed, sent as the 8-bit codes of the air. All methods meet the same instances (seed {seed},
 {episodes} of each size; slow methods the first ones of them) and, of several requests for a task, the
 smallest (cost, id) wins. Continuous tasks run in steps of {step:g} s, {steps} of which count after
-{warm_up}, in {episodes} / N copies.
+{warm_up}, in {copies} / N copies; slow methods have fewer, and so has everything under loss.
 
-`x ± h`: h is half the width of the 95 % interval, by bootstrap over the instances ({resamples} resamples,
-the same for every method, so that differences are paired). A decision time is a median, on {machine}."""
+`x ± h`: h is half the width of the 95 % interval, by bootstrap over the test worlds, each drawn with all
+its instances or copies ({resamples} resamples, the same for every method, so that differences are
+paired). A decision time is a median, on {machine}."""
 
 
 def preface(plan: Plan, bench: Bench) -> str:
@@ -37,19 +35,10 @@ def preface(plan: Plan, bench: Bench) -> str:
         uav=world.uav_speed_mps,
         seed=plan.seed,
         episodes=plan.episodes,
+        copies=MORE_COPIES * plan.episodes,
         step=STEP_S,
         steps=STEPS,
         warm_up=WARM_UP_STEPS,
         resamples=RESAMPLES,
-        machine=_machine(),
+        machine=bench.machine,
     )
-
-
-def _machine() -> str:
-    """The processor's name where the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.machine())

@@ -21,9 +21,18 @@ from hippomat_sim.bench.tables_cells import Cell
 from hippomat_sim.learn.evaluation import Figures
 
 STORE_NAME = "cells.jsonl"
-# Whatever is changed here may change a figure.
-_SOURCES = (("hippomat_core", "allocation"), ("hippomat_sim", "learn"), ("hippomat_sim", "learn/networks"))
-_NO_SOURCE = (  # only training reads these
+# Whatever is changed in these packages, or in these modules, may change a figure.
+_PACKAGES = (
+    "hippomat_core.allocation",
+    "hippomat_core.wire",
+    "hippomat_sim.learn",
+    "hippomat_sim.learn.networks",
+)
+_MODULES = (
+    *("hippomat_core.config", "hippomat_core.fields", "hippomat_core.settings_tree"),
+    *("hippomat_core.planning.field3d", "hippomat_sim.bench.tables_measure"),
+)
+_NO_SOURCE = (  # of those packages: only training reads these
     *("advantages", "checkpoint", "cli", "curves", "export", "frozen_set", "interrupt", "ippo", "optimal"),
     *("parallel_env", "pool_bar", "ray", "rllib", "rollout", "runs", "train"),
 )
@@ -78,9 +87,18 @@ def _text(key: Mapping[str, Any]) -> str:
 def code_hash() -> str:
     """Of the sources of allocators, environment and evaluation."""
     digest = hashlib.sha256()
-    for package, directory in _SOURCES:
-        sources = files(package).joinpath(directory).iterdir()
-        for source in sorted(sources, key=lambda file: file.name):
-            if source.name.endswith(".py") and not source.name.startswith(_NO_SOURCE):
-                digest.update(source.name.encode() + source.read_bytes())
+    for name in measured_modules():
+        package, _, module = name.rpartition(".")
+        digest.update(name.encode() + files(package).joinpath(f"{module}.py").read_bytes())
     return digest.hexdigest()[:16]
+
+
+def measured_modules() -> list[str]:
+    """What code_hash() reads."""
+    inside = (
+        f"{package}.{source.name[: -len('.py')]}"
+        for package in _PACKAGES
+        for source in files(package).iterdir()
+        if source.name.endswith(".py") and not source.name.startswith(_NO_SOURCE)
+    )
+    return sorted({*inside, *_MODULES})

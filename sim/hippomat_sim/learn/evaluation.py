@@ -11,6 +11,7 @@ summed later without loss. Definitions:
             are given the remaining tasks in order of id, and the cost of that counts
   served    tasks that were allocated
   requested tasks that were requested by somebody; contested: by several
+  world     of the pool, in which an instance or a copy was: those of one world are alike
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def play_one_shot(method: Method, instances: Instances) -> Figures:
         number += 1
     figures["left"][:] = _give_the_rest(instances, slot_of, waiting)
     figures["cost_ms"][:] = _total_ms(instances, slot_of)
-    return figures
+    return figures | {"world": instances.world}
 
 
 def play_optimum(instances: Instances) -> Figures:
@@ -131,6 +132,7 @@ def play_continuous(
     names = ("served", "requested", "contested", "clean", "steps", "cost_ms")
     figures: Figures = {name: np.zeros(copies, np.int64) for name in names}
     problems = env.reset()
+    figures["world"] = env.hidden.world.copy()  # for the whole time: no episode ends
     for number in range(steps):
         step = env.step(fleet_actions(method, env, problems, number))
         problems = step.problems
@@ -154,7 +156,11 @@ def play_first_requests(
     problems = env.reset()
     actions = fleet_actions(method, env, problems, 0)
     _, asking = resolve(actions, problems)
-    return {"single": (asking == 1).sum(axis=1), "requested": (asking >= 1).sum(axis=1)}
+    return {
+        "single": (asking == 1).sum(axis=1),
+        "requested": (asking >= 1).sum(axis=1),
+        "world": env.hidden.world.copy(),
+    }
 
 
 def fleet_actions(method: Method, env: VectorEnv, problems: ProblemBatch, round_number: int) -> Ints:
@@ -183,6 +189,7 @@ def play_permuted(method: Method, instances: Instances, seed: int) -> Figures:
         "asked": asked.sum(axis=1),
         "same_slot": (asked & (after == before)).sum(axis=1),
         "same_task": same_task.sum(axis=1),
+        "world": instances.world,
     }
 
 

@@ -25,6 +25,7 @@ class Instances:
 
     travel_ms: NDArray[np.uint16]  # (B, N, M) exact path times, 65535 = unreachable
     costs_q: NDArray[np.uint8]  # (B, N, M) their codes, 255 = unreachable
+    world: NDArray[np.int64]  # (B,) of the pool: where they are
 
     def __len__(self) -> int:
         return len(self.costs_q)
@@ -45,7 +46,7 @@ class Instances:
 
     def permuted(self, slots: NDArray[np.int64]) -> Instances:
         """The same problems with the tasks in other slots: new slot j holds what was in slots[j]."""
-        return Instances(self.travel_ms[:, :, slots], self.costs_q[:, :, slots])
+        return Instances(self.travel_ms[:, :, slots], self.costs_q[:, :, slots], self.world)
 
 
 def draw_instances(
@@ -60,13 +61,14 @@ def draw_instances(
         )
     classes = vehicle_classes(agents, uav_share)
     travel = np.empty((count, agents, tasks), np.uint16)
+    worlds = np.empty(count, np.int64)
     for index in range(count):
         random = np.random.default_rng((seed, agents, tasks, index))
-        world = random.integers(len(pool.travel_ms))
+        world = worlds[index] = random.integers(len(pool.travel_ms))
         start = random.choice(starts, agents, replace=False)
         site = random.choice(ground, tasks, replace=False)
         travel[index] = pool.travel_ms[world, classes[:, None], start[:, None], site[None, :]]
-    return Instances(travel, pool.code_of_ms[travel])
+    return Instances(travel, pool.code_of_ms[travel], worlds)
 
 
 def vehicle_classes(agents: int, uav_share: float) -> NDArray[np.int64]:

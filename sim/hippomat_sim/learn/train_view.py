@@ -46,10 +46,13 @@ class TrainView:
         parts += [f"entropy {row['entropy']:.2f}"] if "entropy" in row else []
         self._progress.update(self._task, completed=steps, figures="  ".join(parts))
         if "evaluation" in row:
-            said = "; ".join(f"N={size} {_shown(figures)}" for size, figures in row["evaluation"].items())
-            self._progress.console.print(
-                f"{steps:>12,}  CF1/gap %: {said}", highlight=False, markup=False, soft_wrap=True
-            )
+            said = f"{steps:>12,}  {evaluation_text(row['evaluation'])}"
+            self._progress.console.print(said, highlight=False, markup=False, soft_wrap=True)
+
+
+def evaluation_text(evaluation: dict[str, dict[str, float]]) -> str:
+    """An evaluation of the frozen set, in one line."""
+    return "CF1/gap %: " + "; ".join(f"N={size} {_shown(figures)}" for size, figures in evaluation.items())
 
 
 def _shown(figures: dict[str, float]) -> str:
