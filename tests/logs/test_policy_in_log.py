@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from safetensors.numpy import save
 from test_recorder import wait_until_written
 
 from hippomat_core.allocation.paper_network import expected_shapes
+from hippomat_core.config import Config
 from hippomat_core.errors import LogError
 from hippomat_core.messages import BASE
 from hippomat_logs.reader import open_runs
@@ -41,7 +43,8 @@ def test_a_run_is_replayed_with_the_weights_in_its_log(tmp_path: Path):
     assert report.results[2].compared == made.decisions
 
 
-def test_every_part_of_a_run_carries_them(tmp_path: Path):
+def rotated(tmp_path: Path) -> list[Path]:
+    """A run of several parts."""
     small = dataclasses.replace(NETWORK, log=dataclasses.replace(NETWORK.log, part_mib=1))
     made, draw = RecordedRun(tmp_path, small, policy=weights(1)), np.random.default_rng(3)
     for _ in range(2):
@@ -51,6 +54,11 @@ def test_every_part_of_a_run_carries_them(tmp_path: Path):
     made.recorder.close()
     parts = sorted(tmp_path.glob("*.mcap"))
     assert len(parts) > 1
+    return parts
+
+
+def test_every_part_of_a_run_carries_them(tmp_path: Path):
+    parts = rotated(tmp_path)
     for part in parts:
         assert open_runs([part])[0].policy == weights(1)
 
@@ -64,6 +72,23 @@ def test_they_survive_a_recovery(tmp_path: Path):
     (run,) = open_runs([tmp_path])
     assert run.recovered or run.manifest["recovered"] == "yes"
     assert run.policy == weights(1)
+
+
+def test_weights_larger_than_a_part_do_not_fill_the_disk_with_parts(tmp_path: Path):
+    robots = 40
+    draw, shapes = np.random.default_rng(1), expected_shapes(CONFIG.fleet.task_slots)
+    many = save({k: draw.normal(size=(robots, *shape)).astype(np.float32) for k, shape in shapes.items()})
+    assert len(many) > 2 << 20
+    fleet = dataclasses.replace(NETWORK.fleet, size=robots, round_s=0.2)
+    small = Config(fleet=fleet, robot=NETWORK.robot, log=dataclasses.replace(NETWORK.log, part_mib=1))
+    made = RecordedRun(tmp_path, small, policy=many)
+    for k in range(3):
+        made.recorder.serial(START_NS + k, BASE, 0, 1, b"bytes")
+        wait_until_written(made.recorder)
+        time.sleep(0.6)  # a flush
+    made.recorder.close()
+    assert len(list(tmp_path.glob("*.mcap"))) == 1
+    assert open_runs([tmp_path])[0].policy == many
 
 
 def test_a_log_without_the_weights_that_its_manifest_names_is_damaged(tmp_path: Path):
