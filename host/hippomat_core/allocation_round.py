@@ -18,6 +18,7 @@ from hippomat_core.allocation.quantise import quantise, saturated
 from hippomat_core.faults import with_faults
 from hippomat_core.fleet.claims import OwnClaim
 from hippomat_core.fleet.inputs import Intent, Outlook, OwnInputs
+from hippomat_core.fleet.progress import held_up_s, observed
 from hippomat_core.fleet.rounds import end_round, ended_alone, radio_ended
 from hippomat_core.messages import (
     WARNING,
@@ -74,7 +75,7 @@ def _round(
     state: State, ground: Ground | None, now_ns: int, allowed: Permissions, effects: list[Effect]
 ) -> State:
     assert ground is not None
-    state = _with_fields(state, ground)
+    state = _with_progress(_with_fields(state, ground), ground, now_ns)
     costs_s = _travel_costs_s(state, ground, state.pose[:2])
     over = state.fleet.own_claim is None and bool(saturated(costs_s, ground.c_max_s).any())
     state = _saturation_alarm(state, over, ground.c_max_s, effects)
@@ -111,12 +112,24 @@ def _travel_costs_s(state: State, ground: Ground, place_m: tuple[float, float]) 
     return costs_s
 
 
+def _with_progress(state: State, ground: Ground, now_ns: int) -> State:
+    """What this round adds to it."""
+    claim = state.fleet.own_claim
+    if claim is None:
+        return replace(state, progress=None)
+    free_s = _eta_s(state, ground, claim) + claim.dwell_left_s(now_ns, state.config.fleet.dwell_s)
+    return replace(state, progress=observed(state.progress, claim, free_s, now_ns))
+
+
 def _outlook(state: State, ground: Ground, now_ns: int, claim: OwnClaim) -> Outlook:
-    """When and where we shall be free with this claim: the way there, its service, the ways from there."""
-    eta_s = _eta_s(state, ground, claim)
-    free_s = eta_s + claim.dwell_left_s(now_ns, state.config.fleet.dwell_s)
+    """When and where we shall be free with this claim: the way there, its service, the ways from there.
+
+    While we are held up, the same hold-up is expected to last as long again.
+    """
+    eta_s, late_s = _eta_s(state, ground, claim), held_up_s(state.progress, claim, now_ns)
+    free_s = eta_s + late_s + claim.dwell_left_s(now_ns, state.config.fleet.dwell_s)
     costs_s = free_s + _travel_costs_s(state, ground, claim.destination_m[:2])
-    return Outlook(eta_s, quantise(costs_s, ground.c_max_s))
+    return Outlook(eta_s + late_s if eta_s > 0.0 else 0.0, quantise(costs_s, ground.c_max_s))
 
 
 def _eta_s(state: State, ground: Ground, claim: OwnClaim) -> float:

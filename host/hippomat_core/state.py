@@ -15,6 +15,7 @@ from hippomat_core.config import Config
 from hippomat_core.control.guard import Points
 from hippomat_core.control.nav_state import Navigator, NavOutcome
 from hippomat_core.fleet import state as fleet_state
+from hippomat_core.fleet.progress import Progress
 from hippomat_core.fleet.radio_health import RadioHealth
 from hippomat_core.fleet.state import FleetState
 from hippomat_core.planning.ground import Fields, Ground
@@ -89,6 +90,7 @@ class State:
     navigator: Navigator = field(default_factory=Navigator)
     outcome: NavOutcome | None = None  # of the last tick that was allowed to move
     held: bool = False  # the guard slowed the last command
+    progress: Progress | None = None  # with our claim
     stop: Stop = Stop()
     faults: tuple[tuple[str, int], ...] = ()  # reaction codes, since when
     alarms: frozenset[str] = frozenset()

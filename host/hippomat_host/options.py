@@ -124,12 +124,19 @@ def config_of(args: argparse.Namespace) -> Config:
     if args.no_log:
         tree["log"]["enabled"] = False
     config = config_from_dict(tree, args.config or "command line")
-    if args.policy is not None and config.fleet.allocator not in POLICY_ALLOCATORS:
+    if args.policy is not None:
+        _check_policy(args.policy, config.fleet.allocator)
+    return config
+
+
+def _check_policy(path: str, allocator: str) -> None:
+    if not path:  # an unset variable of the shell
+        raise ConfigError("--policy '' names no file; leave it out for the packaged weights")
+    if allocator not in POLICY_ALLOCATORS:
         raise ConfigError(
-            f"--policy {args.policy}: allocator {config.fleet.allocator!r} has no weights; give --allocator "
+            f"--policy {path}: allocator {allocator!r} has no weights; give --allocator "
             f"{' or '.join(POLICY_ALLOCATORS)} too"
         )
-    return config
 
 
 def given_of(args: argparse.Namespace, config: Config) -> Given:

@@ -13,13 +13,15 @@ from collections.abc import Callable, Iterator
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.warm_up import warm_up
 from hippomat_core.config import FleetConfig
+from hippomat_logs.policy_files import naming, policy_name
 
 PATIENCE_S = 1.0
 
 
 def prepare_allocator(fleet: FleetConfig, policy: bytes | None, say: Callable[[str], None]) -> None:
     """Says so if it takes long. Raises ConfigError where allocator and policy do not fit the fleet."""
-    with told_if_slow(f"compiling the allocator {fleet.allocator}", say):
+    named = contextlib.nullcontext() if policy is None else naming(policy_name(fleet))
+    with named, told_if_slow(f"compiling the allocator {fleet.allocator}", say):
         allocator = make_allocator(fleet.allocator, policy, fleet.size, fleet.task_slots)
         warm_up(allocator, fleet.size, fleet.task_slots)
 

@@ -49,6 +49,7 @@ class PartSeries:
         self._part_bytes = part_bytes
         self._policy = policy  # goes into every part, as the manifest does
         self._part: PartWriter | None = None
+        self._head_bytes = 0  # of the part: manifest, weights and channels, which do not count for rotation
         self._index = 0  # of the next part
         self._retry_at_s = 0.0
         self._pending: list[Encoded] = []  # given to the part's open chunk, not yet in the file
@@ -92,7 +93,7 @@ class PartSeries:
             self._fail(error, now_s)
             return
         self._pending.clear()
-        if self._part.sink.tell() >= self._part_bytes:
+        if self._part.sink.tell() - self._head_bytes >= self._part_bytes:
             self._rotate(now_s)
 
     def close(self, now_s: float) -> None:
@@ -130,7 +131,7 @@ class PartSeries:
             sink.abandon()
             raise
         self._index += 1
-        self._part = part
+        self._part, self._head_bytes = part, sink.tell()
         for latched in self._latched.values():
             self._write(latched)
 

@@ -5,6 +5,8 @@ The core opens no file; the daemon, the simulator and the learning tools all rea
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 
@@ -32,6 +34,15 @@ def policy_name(fleet: FleetConfig) -> str:
     return fleet.policy or PACKAGED
 
 
+@contextlib.contextmanager
+def naming(source: str) -> Iterator[None]:
+    """What is wrong with weights is told with the name of where they came from; the core sees bytes only."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(f"{source}: {error}") from None
+
+
 def packaged_policy() -> bytes:
     """The trained weights of allocator `graphsage` that every install has."""
     return (files("hippomat_core") / "policies" / "default.safetensors").read_bytes()
@@ -40,5 +51,8 @@ def packaged_policy() -> bytes:
 def _read(path: str) -> bytes:
     try:
         return Path(path).read_bytes()
-    except OSError as error:
-        raise ConfigError(f"[fleet] policy = {path!r} cannot be read: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:  # a name with a zero byte in it is a ValueError
+        why = getattr(error, "strerror", None) or error
+        raise ConfigError(
+            f"[fleet] policy = {path!r} cannot be read: {why}; give the path of a safetensors file"
+        ) from None

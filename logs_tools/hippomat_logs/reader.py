@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.config import Config
-from hippomat_core.errors import HippomatError, LogError
+from hippomat_core.errors import ConfigError, HippomatError, LogError
 from hippomat_logs.manifest import config_of
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.schema import CLASSES, DERIVED, TOPICS, MessageStore
@@ -92,6 +92,11 @@ class Run:
     @property
     def config(self) -> Config:
         return config_of(self.manifest, str(self.paths[0]))
+
+    @property
+    def weights_lost(self) -> bool:
+        """The manifest names weights that decided, and no part holds them any more."""
+        return not self.policy and bool(self.manifest.get("policy_hash"))
 
     @property
     def wall_offset_ns(self) -> int:
@@ -175,7 +180,8 @@ def open_runs(paths: Sequence[Path]) -> list[Run]:
         parts.sort(key=lambda part: part[0])
         total, first = sum(messages for *_, messages in parts), parts[0][2]
         paths_in_order = tuple(path for _, path, *_ in parts)
-        runs.append(Run(paths_in_order, first.manifest, first.policy, records=total, store=store))
+        policy = next((contents.policy for *_, contents, _ in parts if contents.policy), b"")
+        runs.append(Run(paths_in_order, first.manifest, policy, records=total, store=store))
     return sorted(runs, key=lambda run: (run.robot, run.manifest.get("started_ns", "")))
 
 
@@ -206,10 +212,19 @@ def read_contents(path: Path, store: MessageStore) -> tuple[Contents, int]:
                 f"{path}: {channel.type_name} has other fields in this log, recorded by hippomat "
                 f"{contents.manifest.get('hippomat', '?')}: read it with that version"
             )
-    policy = read_policy(contents.policy).hash if contents.policy else ""
-    if policy != contents.manifest.get("policy_hash", ""):
-        raise LogError(f"{path}: holds another policy than its manifest names, or none")
+    _check_policy(path, contents)
     return contents, records
+
+
+def _check_policy(path: Path, contents: Contents) -> None:
+    """A recovered part may have lost its weights; the other parts of the run have them too."""
+    try:
+        found = read_policy(contents.policy).hash if contents.policy else ""
+    except ConfigError as error:
+        raise LogError(f"{path}: the weights in it cannot be used: {error}") from None
+    lost = not found and contents.manifest.get("recovered")
+    if not lost and found != contents.manifest.get("policy_hash", ""):
+        raise LogError(f"{path}: holds another policy than its manifest names, or none")
 
 
 def read_records(path: Path | str) -> Iterator[tuple[int, int, str, Any]]:

@@ -36,7 +36,7 @@ def replay_run(run: Run, options: ReplayOptions, progress: Progress = lambda *_:
     report = RunReport(run.name, run.robot)
     decisions: DecisionReplay | None = None
     try:
-        if "L2" in options.levels:
+        if "L2" in options.levels and not run.weights_lost:
             decisions = _decision_replay(run)
     except LogError as error:
         report.results.append(LevelResult("L0", LOSSY, detail=str(error)))
@@ -68,8 +68,11 @@ def _offline_levels(
     except LogError as error:
         report.results.append(LevelResult("L0", LOSSY, run.records, "records", str(error)))
         return False
-    if run.lost:
-        result = LevelResult("L0", LOSSY, run.records, "records", run.lost[0], list(run.lost))
+    lost = list(run.lost)
+    if run.weights_lost:
+        lost.append("the weights that decided are lost: give another part of this run too")
+    if lost:
+        result = LevelResult("L0", LOSSY, run.records, "records", lost[0], lost)
         report.results.append(result)
         return False
     notes = ["recovered after a crash: the last moments are missing"] if run.recovered else []

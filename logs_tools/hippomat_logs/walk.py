@@ -135,7 +135,7 @@ def _walk(
             elif opcode == METADATA:
                 _metadata(body, contents)
             elif opcode == ATTACHMENT:
-                _attachment(body, at, contents)
+                _attachment(body, at, contents, damage)
             elif opcode not in (HEADER, MESSAGE_INDEX):
                 raise LogError(f"record at byte {at} has opcode {opcode}, which our logs never hold there")
             at = contents.complete_bytes = behind
@@ -226,14 +226,20 @@ def _metadata(body: memoryview, contents: Contents) -> None:
         contents.end.update(_pairs(body, at))
 
 
-def _attachment(body: memoryview, at: int, contents: Contents) -> None:
-    name, behind = _string(body, 16)
-    _, behind = _string(body, behind)
-    (length,) = struct.unpack_from("<Q", body, behind)
-    if length != len(body) - behind - 12 or zlib.crc32(body[:-4]) != struct.unpack("<I", body[-4:])[0]:
-        raise LogError(f"attachment at byte {at} has a wrong length or checksum")
-    if name == POLICY_ATTACHMENT:
-        contents.policy = bytes(body[behind + 8 : -4])
+def _attachment(body: memoryview, at: int, contents: Contents, damage: list[str] | None) -> None:
+    """The weights, if it is those; bad ones are passed over if `damage` is there to take the note."""
+    try:
+        name, behind = _string(body, 16)
+        _, behind = _string(body, behind)
+        (length,) = struct.unpack_from("<Q", body, behind)
+        if length != len(body) - behind - 12 or zlib.crc32(body[:-4]) != struct.unpack("<I", body[-4:])[0]:
+            raise LogError("wrong length or checksum")
+        if name == POLICY_ATTACHMENT:
+            contents.policy = bytes(body[behind + 8 : -4])
+    except (LogError, struct.error, UnicodeDecodeError) as error:
+        if damage is None:
+            raise LogError(f"attachment at byte {at}: {error}") from None
+        damage.append(f"attachment at byte {at} passed over: {error}")
 
 
 def _schema(body: memoryview, contents: Contents) -> None:

@@ -88,7 +88,15 @@ class Body:
 class FleetWorld:
     """N robots in one room. loss: share of frames that a receiver misses, drawn from `seed`."""
 
-    def __init__(self, robots: int = 3, loss: float = 0.0, seed: int = 1, fleet: FleetConfig | None = None):
+    def __init__(
+        self,
+        robots: int = 3,
+        loss: float = 0.0,
+        seed: int = 1,
+        fleet: FleetConfig | None = None,
+        policy: bytes | None = None,
+    ):
+        self.policy = policy
         self.grid = room()
         self.random = np.random.default_rng(seed)
         self.loss = loss
@@ -99,7 +107,7 @@ class FleetWorld:
     def _body(self, robot: int, fleet: FleetConfig) -> Body:
         start = (0.6 + 0.7 * robot, 0.6, math.pi / 2)
         config = Config(fleet=fleet, robot=RobotConfig(robot, *start, start_known=True))
-        body = Body(initial_state(config), *start, start=start)
+        body = Body(initial_state(config, self.policy), *start, start=start)
         for event in (
             Started(self.now_ns),
             map_event(self.grid, self.now_ns),

@@ -96,6 +96,7 @@ def test_a_peer_of_another_fleet_digest_is_named_once_and_left_out_until_it_agre
     (alarm,) = taken.hear(1, taken.row(air_claim(0), fleet_digest=0x1234))
     assert isinstance(alarm, AlarmRaised)
     assert alarm.code == "peer_digest"
+    assert "the policy's weights" in alarm.text
     assert all(part in alarm.text for part in ("robot 1", "00001234", "robot 0", "0000abcd"))
     assert taken.hear(1, taken.row(air_claim(0), fleet_digest=0x1234)) == []
     outcome = taken.round()

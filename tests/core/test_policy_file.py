@@ -13,6 +13,7 @@ from hippomat_core.allocation.graphsage import expected_shapes, load_graphsage
 from hippomat_core.allocation.graphsage_settings import GraphSageSettings
 from hippomat_core.allocation.paper_network import expected_shapes as paper_shapes
 from hippomat_core.allocation.policy_file import PolicyFile, read_policy
+from hippomat_core.allocation.warm_up import warm_up
 from hippomat_core.errors import ConfigError
 
 SMALL = GraphSageSettings(hops=1, width=4, hidden=8, heads=2)
@@ -28,6 +29,10 @@ def policy(settings: GraphSageSettings = SMALL) -> PolicyFile:
 
 def changed(**changes: object) -> bytes:
     return dataclasses.replace(policy(), **changes).to_bytes()  # type: ignore[arg-type]
+
+
+def header_alone(header: bytes) -> bytes:
+    return len(header).to_bytes(8, "little") + header
 
 
 def test_a_policy_is_read_as_it_was_written():
@@ -81,6 +86,15 @@ def test_weights_without_a_manifest_are_the_papers_network():
             save({}, {"format": "hippomat-policy-1", "network": "graphsage", "settings": "[]"}),
             "settings is list, needed an object",
         ),
+        (
+            save({}, {"format": "hippomat-policy-1", "network": "graphsage", "settings": "[" * 100_000}),
+            "settings is not JSON",
+        ),
+        (
+            save({}, {"format": "hippomat-policy-1", "network": "graphsage", "settings": "9" * 5000}),
+            "settings is",
+        ),
+        (header_alone(b'{"__metadata__": null}'), "not valid safetensors"),
     ],
 )
 def test_bytes_that_are_no_policy_are_refused(data: bytes, message: str):
@@ -110,7 +124,7 @@ def test_bytes_that_are_no_policy_are_refused(data: bytes, message: str):
         ),
         (
             changed(tensors={**policy().tensors, "out.bias": np.full(3, np.nan, np.float32)}),
-            "'out.bias' has values that are not finite",
+            "'out.bias' has 3 values that are not finite",
         ),
     ],
 )
@@ -122,3 +136,59 @@ def test_a_policy_that_does_not_fit_names_tensor_or_setting(data: bytes, message
 def test_a_setting_larger_than_any_float_is_refused():
     with pytest.raises(ConfigError, match="too large"):
         load_graphsage(read_policy(changed(settings={**SMALL.as_dict(), "tau_first": 10**400})))
+
+
+# ---- weights that no robot can decide with ----
+
+
+def edge_weights(value: float) -> bytes:
+    """Every weight of this size, its sign as it was."""
+    return changed(tensors={key: np.copysign(np.float32(value), w) for key, w in policy().tensors.items()})
+
+
+def papers_weights(value: float, robots: int = 0, whose: int = 0) -> bytes:
+    """The paper's network for four tasks; robots: one for each, of which `whose` has these weights."""
+    draw = np.random.default_rng(1)
+    tensors = {}
+    for key, shape in paper_shapes(4).items():
+        tensor = draw.normal(size=(*(robots,) * bool(robots), *shape)).astype("f4")
+        chosen = tensor[whose] if robots else tensor
+        chosen[...] = np.copysign(np.float32(value), chosen)
+        tensors[key] = tensor
+    return save(tensors)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize(
+    ("network", "make"), [("graphsage", edge_weights), ("paper_network", papers_weights)]
+)
+def test_weights_that_are_no_numbers_are_refused(network, make, value):
+    with pytest.raises(ConfigError, match=r"policy tensor '[a-z_.0-9]+' has \d+ values that are not finite"):
+        make_allocator(network, make(value), 3, 4)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("network", "data"),
+    [
+        ("graphsage", edge_weights(3e38)),
+        ("paper_network", papers_weights(3e38)),
+        ("paper_network", papers_weights(3e38, robots=3, whose=2)),
+    ],
+)
+def test_weights_too_large_to_decide_with_are_found_before_the_first_round(network, data):
+    allocator = make_allocator(network, data, 3, 4)
+    with pytest.raises(ConfigError, match=rf"'{network}' .*action \d is (nan|-?inf).*export it again"):
+        warm_up(allocator, 3, 4)
+
+
+@pytest.mark.parametrize("value", [1e-3, 1.0, 10.0])
+def test_weights_of_any_usual_size_decide(value):
+    warm_up(make_allocator("graphsage", edge_weights(value), 3, 4), 3, 4)
+    warm_up(make_allocator("paper_network", papers_weights(value), 3, 4), 3, 4)
+
+
+def test_a_file_of_a_network_that_no_robot_runs_says_so():
+    data = changed(network="gcn")
+    with pytest.raises(ConfigError, match="no robot runs it: give a file of network 'graphsage'"):
+        read_policy(data, "graphsage")

@@ -30,10 +30,10 @@ def configured(*arguments: str) -> Config:
     return config_of(parser().parse_args(["--port", "/dev/x", *arguments]))
 
 
-def paper_weights(robots: int, tasks: int, per_robot: bool) -> bytes:
+def paper_weights(robots: int, tasks: int, per_robot: bool, value: float = 0.0) -> bytes:
     lead = (robots,) if per_robot else ()
     shapes = expected_shapes(tasks)
-    return save({key: np.zeros((*lead, *shape), np.float32) for key, shape in shapes.items()})
+    return save({key: np.full((*lead, *shape), value, np.float32) for key, shape in shapes.items()})
 
 
 def test_the_settings_and_the_factory_know_the_same_allocators():
@@ -95,7 +95,42 @@ def test_weights_that_do_not_fit_the_fleet_are_one_line_before_a_port_is_opened(
     path.write_bytes(paper_weights(5, 11, per_robot=False))
     chosen = ("--allocator", "paper_network", "--policy", path)
     line = refused("--port", "/dev/ttyUSB99", *chosen, cwd=tmp_path)
+    assert f"{path}: policy tensor" in line
     assert "for 5 robots and 12 task slots" in line
+
+
+@pytest.mark.parametrize(
+    ("data", "found"),
+    [
+        (b"", "not valid safetensors"),
+        (np.random.default_rng(1).bytes(4000), "not valid safetensors"),
+        (paper_weights(5, 12, per_robot=False, value=np.nan), "has 128 values that are not finite"),
+        (paper_weights(5, 12, per_robot=True, value=3e38), "the logit of action 0 is nan"),
+        (paper_weights(4, 12, per_robot=True), "needed float32[5, 6, 25] for 5 robots"),
+    ],
+)
+def test_weights_that_cannot_decide_are_one_line_that_names_their_file(
+    tmp_path: Path, data: bytes, found: str
+):
+    path = tmp_path / "mine.safetensors"
+    path.write_bytes(data)
+    chosen = ("--allocator", "paper_network", "--policy", path)
+    line = refused("--port", "/dev/ttyUSB99", *chosen, cwd=tmp_path)
+    assert f"{path}: " in line
+    assert found in line
+
+
+@pytest.mark.parametrize("path", ["missing.safetensors", ".", "a\0b"])
+def test_a_file_of_weights_that_cannot_be_read_is_named(path: str):
+    with pytest.raises(
+        ConfigError, match=r"policy = .* cannot be read: .*; give the path of a safetensors file"
+    ):
+        policy_of(FleetConfig(policy=path))
+
+
+def test_an_empty_name_for_weights_is_not_taken_for_the_packaged_ones():
+    with pytest.raises(ConfigError, match="--policy '' names no file"):
+        configured("--policy", "")
 
 
 def test_what_takes_long_is_said_while_it_takes_long():

@@ -56,7 +56,9 @@ def load_weights(policy: bytes, robots: int, tasks: int) -> dict[str, Array]:
     tensors = read_policy(policy, "paper_network").tensors
     if set(tensors) != set(KEYS):
         missing, extra = sorted(set(KEYS) - set(tensors)), sorted(set(tensors) - set(KEYS))
-        raise ConfigError(f"policy file is not the paper's network: missing {missing}, unknown {extra}")
+        raise ConfigError(
+            f"policy file is not the paper's network: missing {missing}, unknown {extra}; export it again"
+        )
     first = tensors["policy.0.weight"].shape
     wide = bool(first) and first[-1] == EMBEDDING + 1 + 2 * tasks
     shapes = expected_shapes(tasks, EMBEDDING + 1 + 2 * tasks if wide else EMBEDDING)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import load, save
 
+from hippomat_core.config import POLICY_ALLOCATORS
 from hippomat_core.errors import ConfigError
 
 FORMAT = "hippomat-policy-1"
@@ -53,12 +54,16 @@ class PolicyFile:
 
 
 def read_policy(data: bytes, expected: str | None = None) -> PolicyFile:
-    """The policy in a file's bytes, of network `expected` if given; ConfigError names what does not fit."""
+    """The policy in a file's bytes, of network `expected` if given; ConfigError names what does not fit.
+
+    Its tensors are finite.
+    """
     try:
         tensors = load(data)
         metadata = _metadata(data)
     except Exception as error:
         raise ConfigError(f"policy file is not valid safetensors ({error}); export it again") from None
+    _refuse_not_finite(tensors)
     found = metadata.get("format")
     if found is None:  # weights without a manifest: the paper's network, as others may have trained it
         network = "paper_network"
@@ -75,10 +80,12 @@ def read_policy(data: bytes, expected: str | None = None) -> PolicyFile:
 
 
 def checked_tensors(policy: PolicyFile, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
-    """The tensors, each float32, finite and of its shape; ConfigError names the first that is not."""
+    """The tensors, each float32 and of its shape; ConfigError names the first that is not."""
     missing, extra = sorted(set(shapes) - set(policy.tensors)), sorted(set(policy.tensors) - set(shapes))
     if missing or extra:
-        raise ConfigError(f"policy file is no {policy.network}: missing {missing}, unknown {extra}")
+        raise ConfigError(
+            f"policy file is no {policy.network}: missing {missing}, unknown {extra}; export it again"
+        )
     for key, shape in shapes.items():
         tensor = policy.tensors[key]
         if tensor.shape != tuple(shape) or tensor.dtype != np.float32:
@@ -86,33 +93,38 @@ def checked_tensors(policy: PolicyFile, shapes: Mapping[str, tuple[int, ...]]) -
                 f"policy tensor {key!r} is {tensor.dtype}{list(tensor.shape)}, needed float32{list(shape)}: "
                 "export the policy again"
             )
-        if not np.isfinite(tensor).all():
-            raise ConfigError(
-                f"policy tensor {key!r} has values that are not finite: train or export it again"
-            )
     return {key: np.ascontiguousarray(policy.tensors[key]) for key in shapes}
+
+
+def _refuse_not_finite(tensors: Mapping[str, NDArray[Any]]) -> None:
+    for key, tensor in sorted(tensors.items()):
+        wrong = tensor.size - int(np.isfinite(tensor).sum())
+        if wrong:
+            raise ConfigError(
+                f"policy tensor {key!r} has {wrong} values that are not finite: train or export it again"
+            )
 
 
 def _of(expected: str | None, policy: PolicyFile) -> PolicyFile:
     if expected not in (None, policy.network):
-        raise ConfigError(
-            f"policy file is of network {policy.network!r}, needed {expected!r}: "
-            f"set [fleet] allocator = {policy.network!r} or give another file"
-        )
+        remedy = f"set [fleet] allocator = {policy.network!r} or give another file"
+        if policy.network not in POLICY_ALLOCATORS:
+            remedy = f"no robot runs it: give a file of network {expected!r}"
+        raise ConfigError(f"policy file is of network {policy.network!r}, needed {expected!r}: {remedy}")
     return policy
 
 
 def _metadata(data: bytes) -> dict[str, str]:
     """A file begins with the length of its JSON header, 8 bytes little endian; __metadata__ is text."""
     length = int.from_bytes(data[:8], "little")
-    metadata: dict[str, str] = json.loads(data[8 : 8 + length]).get("__metadata__", {})
+    metadata: dict[str, str] = dict(json.loads(data[8 : 8 + length]).get("__metadata__", {}))
     return metadata
 
 
 def _json_object(metadata: dict[str, str], name: str) -> dict[str, Any]:
     try:
         value = json.loads(metadata.get(name, "{}"))
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:  # a number of too many digits, too many brackets
         raise ConfigError(f"policy file's {name} is not JSON ({error}); export it again") from None
     if not isinstance(value, dict):
         raise ConfigError(

@@ -1,19 +1,43 @@
-"""Decisions on made-up snapshots, so that what an allocator compiles is compiled before the first round."""
+"""Decisions on made-up snapshots before the first round: what an allocator compiles is compiled, and weights
+that no robot can decide with are refused.
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hippomat_core.allocation.port import Allocator, Problem
+from hippomat_core.allocation.port import Allocator, Decision, Problem
+from hippomat_core.errors import ConfigError
 
 
 def warm_up(allocator: Allocator, robots: int, tasks: int) -> None:
-    """One robot's decision and everybody's, with all robots free and with every second one busy."""
-    for at_work in (np.zeros(robots, np.bool_), np.arange(robots) % 2 == 1):
-        problem = _problem(at_work, tasks)
-        allocator.allocate(problem)
-        allocator.actions(problem)
+    """One robot's decision and everybody's, with all robots free and with every second one busy.
+
+    Raises ConfigError where weights are finite, but logits that follow from them are not.
+    """
+    free = np.zeros(robots, np.bool_)
+    with np.errstate(all="ignore"):  # what overflows is told once, by the error
+        for at_work in (free, np.arange(robots) % 2 == 1):
+            problem = _problem(at_work, tasks)
+            decision = _checked(allocator, problem)
+            allocator.actions(problem)
+        if decision.logits.size:
+            for robot in range(1, robots):  # each may have weights of its own
+                _checked(allocator, replace(_problem(free, tasks), self_index=robot))
+
+
+def _checked(allocator: Allocator, problem: Problem) -> Decision:
+    decision = allocator.allocate(problem)
+    wrong = np.flatnonzero(~np.isfinite(decision.logits))
+    if len(wrong):
+        raise ConfigError(
+            f"{allocator.name!r} cannot decide with these weights: on a made-up snapshot the logit of "
+            f"action {wrong[0]} is {decision.logits[wrong[0]]}; train or export it again"
+        )
+    return decision
 
 
 def _problem(at_work: NDArray[np.bool_], tasks: int) -> Problem:

@@ -160,8 +160,8 @@ def _digest_alarm(fleet: FleetState, peer: Peer) -> Heard:
         return replace(fleet, mismatched=rest), cleared
     text = (
         f"robot {peer.robot} has fleet digest {peer.frame.fleet_digest:08x}, robot {fleet.robot} has "
-        f"{fleet.digest:08x}: not allocated with each other until map, [fleet], radius_m, speed_mps and "
-        "inflation_radius are the same"
+        f"{fleet.digest:08x}: not allocated with each other until map, [fleet], the policy's weights, "
+        "radius_m, speed_mps and inflation_radius are the same"
     )
     alarm = AlarmRaised(WARNING, "peer_digest", text)
     return replace(fleet, mismatched=fleet.mismatched | {peer.robot}), [alarm]

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from hippomat_core.allocation.policy_file import PolicyFile, read_policy
+from hippomat_logs.policy_files import naming
 from hippomat_sim.bench.tables_layout import Section, Table
 from hippomat_sim.learn.method_registry import Sources, our_policy
 from hippomat_sim.learn.runs import POLICY_NAME
@@ -21,10 +22,11 @@ _TEXT = (
 
 def trained_networks(sources: Sources) -> Section:
     """A row for our policy and for every run that has ended."""
-    rows = [_row("ours (default)", read_policy(our_policy(sources)))]
+    rows = [_row("ours (default)", our_policy(sources))]
     for path in sorted(sources.runs.glob(f"*/{POLICY_NAME}")):
         if path.parent.name != "default":
-            rows.append(_row(path.parent.name, read_policy(path.read_bytes())))
+            with naming(str(path)):
+                rows.append(_row(path.parent.name, read_policy(path.read_bytes())))
     return Section("Trained networks", _TEXT, [Table("Training runs", _COLUMNS, rows)])
 
 

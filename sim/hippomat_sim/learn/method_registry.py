@@ -15,10 +15,11 @@ import numpy as np
 from hippomat_core.allocation.auction import auction
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.graphsage import load_graphsage
-from hippomat_core.allocation.policy_file import read_policy
-from hippomat_core.allocation.port import Problem
+from hippomat_core.allocation.policy_file import PolicyFile, read_policy
+from hippomat_core.allocation.port import Allocator, Problem
+from hippomat_core.allocation.warm_up import warm_up
 from hippomat_core.errors import ConfigError, HippomatError
-from hippomat_logs.policy_files import packaged_policy
+from hippomat_logs.policy_files import PACKAGED, naming, packaged_policy
 from hippomat_sim.learn.methods import AllocatorMethod, Method
 from hippomat_sim.learn.runs import Fleet, Run
 
@@ -71,9 +72,11 @@ def _paper_network(preset: str) -> Callable[[Fleet, Sources], Method]:
     """Weights of one fleet's size each, run by the core as on a robot."""
 
     def make(fleet: Fleet, sources: Sources) -> Method:
-        data = _trained(Run(preset, fleet), sources)
-        allocator = make_allocator("paper_network", data, fleet.agents, fleet.tasks)
-        return AllocatorMethod(allocator, read_policy(data).hash)
+        run = Run(preset, fleet)
+        data = _trained(run, sources)
+        with naming(str(run.policy(sources.runs))):
+            allocator = make_allocator("paper_network", data, fleet.agents, fleet.tasks)
+            return _decides(allocator, read_policy(data).hash, fleet)
 
     return make
 
@@ -82,19 +85,30 @@ def _in_torch(preset: str) -> Callable[[Fleet, Sources], Method]:
     """A network that no robot runs."""
 
     def make(fleet: Fleet, sources: Sources) -> Method:
-        data = _trained(Run(preset, fleet), sources)
+        run = Run(preset, fleet)
+        data = _trained(run, sources)
         from hippomat_sim.learn.torch_method import torch_method  # here: only these need torch
 
-        return torch_method(data, fleet)
+        with naming(str(run.policy(sources.runs))):
+            return torch_method(data, fleet)
 
     return make
 
 
-def _learned_part(_fleet: Fleet, sources: Sources) -> Method:
+def _learned_part(fleet: Fleet, sources: Sources) -> Method:
     """Ours without a head, trained without one."""
-    file = read_policy(_trained(Run("learned_part"), sources), "graphsage")
-    changed = replace(file, settings={**file.settings, "look_ahead": False})
-    return AllocatorMethod(load_graphsage(changed), changed.hash)
+    run = Run("learned_part")
+    data = _trained(run, sources)
+    with naming(str(run.policy(sources.runs))):
+        file = read_policy(data, "graphsage")
+        changed = replace(file, settings={**file.settings, "look_ahead": False})
+        return _decides(load_graphsage(changed), changed.hash, fleet)
+
+
+def _decides(allocator: Allocator, fingerprint: str, fleet: Fleet) -> AllocatorMethod:
+    """ConfigError where the weights are finite and the decision is not."""
+    warm_up(allocator, fleet.agents, fleet.tasks)
+    return AllocatorMethod(allocator, fingerprint)
 
 
 def _trained(run: Run, sources: Sources) -> bytes:
@@ -107,30 +121,36 @@ def _trained(run: Run, sources: Sources) -> bytes:
 def _ours(untrained: bool = False, **changes: bool) -> Callable[[Fleet, Sources], Method]:
     """The shipped policy with other options. untrained: what it was before training, the head alone."""
 
-    def make(_fleet: Fleet, sources: Sources) -> Method:
-        file = read_policy(our_policy(sources), "graphsage")
+    def make(fleet: Fleet, sources: Sources) -> Method:
+        file = our_policy(sources)
         tensors = dict(file.tensors)
         if untrained:  # training begins with an output layer of zeros
             tensors |= {name: np.zeros_like(tensors[name]) for name in ("out.weight", "out.bias")}
         changed = replace(file, tensors=tensors, settings={**file.settings, **changes})
-        return AllocatorMethod(load_graphsage(changed), changed.hash)
+        with naming(_our_name(sources)):
+            return _decides(load_graphsage(changed), changed.hash, fleet)
 
     return make
 
 
 def policy_manifest(sources: Sources) -> dict[str, Any]:
     """`training` and `metrics` of our policy's file."""
-    file = read_policy(our_policy(sources), "graphsage")
+    file = our_policy(sources)
     return {"training": file.training, "metrics": file.metrics}
 
 
-def our_policy(sources: Sources) -> bytes:
-    """The file of our weights: the packaged one unless another was given."""
-    if sources.policy is None:
-        return packaged_policy()
-    if not sources.policy.is_file():
-        raise ConfigError(f"--policy {sources.policy}: there is no such file")
-    return sources.policy.read_bytes()
+def our_policy(sources: Sources) -> PolicyFile:
+    """Our weights: the packaged ones unless a file was given; ConfigError names it."""
+    with naming(_our_name(sources)):
+        if sources.policy is None:
+            return read_policy(packaged_policy(), "graphsage")
+        if not sources.policy.is_file():
+            raise ConfigError("there is no such file; give the path of a safetensors file")
+        return read_policy(sources.policy.read_bytes(), "graphsage")
+
+
+def _our_name(sources: Sources) -> str:
+    return PACKAGED if sources.policy is None else f"--policy {sources.policy}"
 
 
 METHODS: dict[str, MethodSpec] = {
