@@ -92,3 +92,11 @@ def test_the_heads_prices_and_their_gradient_are_those_of_torch(
     (by_plain,) = torch.autograd.grad((plain * weights).sum(), first)
     scale = float(by_plain.abs().max()) + 1.0  # over-relaxed steps multiply gradients where nothing settles
     torch.testing.assert_close(by_fast / scale, by_plain / scale, rtol=0.0, atol=1e-5)
+
+
+def test_no_snapshots_give_no_gradient() -> None:
+    network = edge_network(hops=1)
+    none = seen_edges(policy_inputs(mixed_batch(np.random.default_rng(0), 2, 3, 4))[:0], network.settings)
+    said = network.learned(none)
+    assert said.shape == (3, 0, 3, 4)
+    assert not any(part.any() for part in gradients(network, said, torch.zeros_like(said)))

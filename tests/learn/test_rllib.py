@@ -240,6 +240,7 @@ def test_a_cluster_that_does_not_answer_is_one_line() -> None:
     ("preset", "words"),
     [
         ("default", r"RLlib's PPO cannot do ppo\.advantage = 'counterfactual'"),
+        ("lossy", r'\[\[episodes\]\] loss with advantage = "gae"'),
         ("mixture", r"--ray trains one size: found 2 \[\[episodes\]\]"),
         ("odd", r"--ray with 3 runners: they cannot share 2 copies"),
     ],
@@ -250,5 +251,7 @@ def test_what_rllib_cannot_do_is_refused(preset: str, words: str) -> None:
     settings = load_train_settings("default") if preset == "default" else small("rllib")
     if preset == "mixture":
         settings = replace(settings, episodes=settings.episodes * 2)
+    if preset == "lossy":
+        settings = replace(settings, episodes=(replace(settings.episodes[0], loss=0.3),))
     with pytest.raises(ConfigError, match=words):
         ppo_config(settings, fresh_network(settings), CPU, runners=3 if preset == "odd" else 0)

@@ -98,3 +98,8 @@ def test_a_method_differs_from_itself_by_nothing_whatever_its_worlds() -> None:
 def test_nothing_counted_is_nan() -> None:
     assert math.isnan(ratio([], []).value)
     assert math.isnan(ratio([0, 0], [0, 0]).value)
+
+
+def test_draws_of_worlds_that_hold_nothing_to_count_are_left_out() -> None:
+    estimate = ratio([1, 0], [1, 0], [0, 1])
+    assert (estimate.value, estimate.low, estimate.high) == (1.0, 1.0, 1.0)

@@ -16,6 +16,7 @@ from training_lab import GCN, OURS, PAPER
 from hippomat_core.allocation.graphsage_settings import AGE
 from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.errors import ConfigError
+from hippomat_sim.learn import ippo
 from hippomat_sim.learn.checkpoint import FILE_NAME
 from hippomat_sim.learn.export import exported_policy
 from hippomat_sim.learn.ippo import Ippo
@@ -23,9 +24,18 @@ from hippomat_sim.learn.networks import make_network
 from hippomat_sim.learn.networks.graphsage import GraphSageNetwork
 from hippomat_sim.learn.rollout import Collector
 from hippomat_sim.learn.train_settings import EpisodeSettings, TrainSettings
-from hippomat_sim.learn.training import Training, fresh_network
+from hippomat_sim.learn.training import Training, TrainingDiverged, fresh_network
 from hippomat_sim.learn.training_log import METRICS, read_metrics
 
+LOSSY = replace(
+    OURS,
+    episodes=(
+        EpisodeSettings(
+            turnover="on_claim", agents=(3, 3), tasks=(4, 4), edges=600, fragment_steps=4, episode_steps=10,
+            loss=0.5, relay=False,
+        ),
+    ),
+)  # fmt: skip
 CPU = torch.device("cpu")
 _TIMES = ("collect_s", "learn_s")
 
@@ -54,7 +64,30 @@ def assert_equal_weights(one: Training, other: Training) -> None:
         assert torch.equal(tensor, theirs[name]), name
 
 
-@pytest.mark.parametrize("settings", [OURS, PAPER, GCN], ids=["ours", "paper", "gcn"])
+@pytest.fixture
+def two_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Batches so small are shared by two threads all the same."""
+    monkeypatch.setattr(ippo, "_LEAST_EDGES", 1)
+
+
+TWO_THREADS = replace(OURS, budget=replace(OURS.budget, threads=2))
+
+
+@pytest.mark.usefixtures("two_threads")
+def test_two_threads_learn_what_their_shards_say_by_their_size() -> None:
+    learner = Ippo(fresh_network(OURS), OURS.ppo, OURS.signals, 0, CPU, threads=2)
+    batch = learner._batch(Collector(OURS, small_pool()).collect(learner.act), 0.0)
+    shards = learner._shards(batch)
+    assert [len(shard) for shard in shards] == [-(-len(batch) // 2), len(batch) // 2]
+    parts = [learner._descent(shard, 0.0)[0] * (len(shard) / len(batch)) for shard in shards]
+    norm = torch.linalg.vector_norm(parts[0] + parts[1])
+    torch.testing.assert_close(learner._step(shards, 0.0, cloning=True)["gradient"], norm)
+
+
+@pytest.mark.usefixtures("two_threads")
+@pytest.mark.parametrize(
+    "settings", [OURS, TWO_THREADS, LOSSY, PAPER, GCN], ids=["ours", "threads", "loss", "paper", "gcn"]
+)
 def test_a_resumed_run_equals_one_that_was_never_interrupted(settings: TrainSettings, tmp_path: Path) -> None:
     whole = begun(settings, tmp_path / "whole")
     rows = run(whole)
@@ -97,16 +130,16 @@ def test_weights_of_one_agent_learn_from_its_own_experience_alone() -> None:
     agents, tasks = PAPER.episodes[0].agents[0], 4
     collector = Collector(PAPER, small_pool())
     network = make_network("paper_network", {}, agents, tasks)
-    ippo = Ippo(network, PAPER.ppo, PAPER.signals, 0, CPU)
-    rollout = collector.collect(ippo.act)
+    learner = Ippo(network, PAPER.ppo, PAPER.signals, 0, CPU)
+    rollout = collector.collect(learner.act)
     before = {name: tensor.clone() for name, tensor in network.state_dict().items()}
     others = torch.arange(agents) != 1
     rollout.rewards[:, :, others] = 0.0  # what the others earn must not matter to agent 1
     twin = make_network("paper_network", {}, agents, tasks)
     twin.load_state_dict(before)
     twin_ippo = Ippo(twin, PAPER.ppo, PAPER.signals, 0, CPU)
-    twin_ippo.random.set_state(ippo.random.get_state())
-    ippo.learn(rollout, 0.0)
+    twin_ippo.random.set_state(learner.random.get_state())
+    learner.learn(rollout, 0.0)
     rollout.rewards[:, :, others] = torch.rand(rollout.rewards[:, :, others].shape)
     twin_ippo.learn(rollout, 0.0)
     theirs = twin.state_dict()
@@ -148,20 +181,9 @@ def test_networks_of_one_size_refuse_a_mixture(tmp_path: Path) -> None:
         begun(replace(PAPER, episodes=OURS.episodes), tmp_path)
 
 
-LOSSY = replace(
-    OURS,
-    episodes=(
-        EpisodeSettings(
-            turnover="on_claim", agents=(3, 3), tasks=(4, 4), edges=600, fragment_steps=4, episode_steps=10,
-            loss=0.5, relay=False,
-        ),
-    ),
-)  # fmt: skip
-
-
 def test_under_loss_everybody_decides_on_its_own_view() -> None:
-    ippo = Ippo(fresh_network(LOSSY), LOSSY.ppo, LOSSY.signals, 0, CPU)
-    rollout = Collector(LOSSY, small_pool()).collect(ippo.act)
+    learner = Ippo(fresh_network(LOSSY), LOSSY.ppo, LOSSY.signals, 0, CPU)
+    rollout = Collector(LOSSY, small_pool()).collect(learner.act)
     snapshots, agents = rollout.actions.shape
     assert rollout.own is not None
     assert rollout.own.tolist() == list(range(agents)) * snapshots
@@ -170,7 +192,7 @@ def test_under_loss_everybody_decides_on_its_own_view() -> None:
     own_costs = rollout.views.costs_q[rows, rollout.own.numpy()]
     np.testing.assert_array_equal(own_costs, rollout.problems.costs_q.reshape(own_costs.shape))
     assert (rollout.views.ages_rounds[rollout.views.present] > 0).any()
-    batch = ippo._batch(rollout, 0.0)
+    batch = learner._batch(rollout, 0.0)
     mine = batch.acting.view(snapshots, agents, agents)
     assert not mine[:, ~torch.eye(agents, dtype=torch.bool)].any()
     own_actions = batch.actions.view(snapshots, agents, agents).diagonal(dim1=1, dim2=2)
@@ -179,12 +201,12 @@ def test_under_loss_everybody_decides_on_its_own_view() -> None:
 
 def test_who_had_no_choice_leaves_no_trace_in_the_gradient() -> None:
     """A masked action's log-probability is so large that rounding alone moves it by more than exp() holds."""
-    ippo = Ippo(fresh_network(LOSSY), LOSSY.ppo, LOSSY.signals, 0, CPU)
-    batch = ippo._batch(Collector(LOSSY, small_pool()).collect(ippo.act), 0.0)
+    learner = Ippo(fresh_network(LOSSY), LOSSY.ppo, LOSSY.signals, 0, CPU)
+    batch = learner._batch(Collector(LOSSY, small_pool()).collect(learner.act), 0.0)
     rounded = torch.where(batch.acting, batch.log_probs, batch.log_probs - 128.0)
-    gradient, _ = ippo._descent(replace(batch, log_probs=rounded), 0.0)
+    gradient, _ = learner._descent(replace(batch, log_probs=rounded), 0.0)
     assert torch.isfinite(gradient).all()
-    expected, _ = ippo._descent(batch, 0.0)
+    expected, _ = learner._descent(batch, 0.0)
     torch.testing.assert_close(gradient, expected)
 
 
@@ -202,11 +224,35 @@ def test_training_under_loss_teaches_the_age_of_a_row(tmp_path: Path) -> None:
 
 
 def test_loss_that_cannot_be_trained_with_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"\[environment\] loss = 0\.3: .* set loss in \[\[episodes"):
+    with pytest.raises(
+        ConfigError, match=r"\[environment\] loss = 0\.3, .* set loss and relay in \[\[episodes"
+    ):
         begun(replace(OURS, environment=replace(OURS.environment, loss=0.3)), tmp_path)
     generalised = replace(PAPER, episodes=(replace(PAPER.episodes[0], loss=0.3),))
     with pytest.raises(ConfigError, match='set loss = 0 or advantage = "counterfactual"'):
         begun(generalised, tmp_path)
+    fixed = replace(LOSSY, episodes=(replace(LOSSY.episodes[0], turnover="never"),))
+    with pytest.raises(ConfigError, match='set loss = 0 or turnover = "on_claim"'):
+        begun(fixed, tmp_path)
+
+
+def test_settings_of_the_cloned_head_are_checked_before_the_run(tmp_path: Path) -> None:
+    for values, words in (({"head_stepz": 3}, "head_stepz: unknown"), ({"head_steps": 3.5}, "is not int")):
+        with pytest.raises(ConfigError, match=words):
+            begun(replace(OURS, signals=replace(OURS.signals, clone_head=values)), tmp_path)
+
+
+def test_a_run_that_diverges_says_so_and_keeps_its_checkpoint(
+    tmp_path: Path,
+) -> None:
+    run(begun(OURS, tmp_path), updates=1)
+    before = (tmp_path / FILE_NAME).read_bytes()
+    training = resumed(tmp_path)
+    with torch.no_grad():
+        next(training.network.parameters()).fill_(torch.nan)
+    with pytest.raises(TrainingDiverged, match=r"nan at update 2: .* lower \[ppo\] learning_rate"):
+        run(training)
+    assert (tmp_path / FILE_NAME).read_bytes() == before
 
 
 def test_what_cannot_be_resumed_is_said(tmp_path: Path) -> None:

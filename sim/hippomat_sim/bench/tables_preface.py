@@ -21,7 +21,8 @@ smallest (cost, id) wins. Continuous tasks run in steps of {step:g} s, {steps} o
 
 `x ± h`: h is half the width of the 95 % interval, by bootstrap over the test worlds, each drawn with all
 its instances or copies ({resamples} resamples, the same for every method, so that differences are
-paired). A decision time is a median, on {machine}."""
+paired). Where fewer than about 20 worlds are met, by slow methods and by continuous tasks under loss, it is
+too narrow. A decision time is a median, on {machine}."""
 
 
 def preface(plan: Plan, bench: Bench) -> str:

@@ -69,7 +69,8 @@ def _ratios(parts: ArrayLike, wholes: ArrayLike, worlds: ArrayLike | None) -> tu
 
 
 def _estimate(value: float, resampled: Floats, count: int) -> Estimate:
-    low, high = np.percentile(resampled, _EDGES)
+    whole = resampled[np.isfinite(resampled)]  # a draw of worlds may hold nothing to count
+    low, high = np.percentile(whole, _EDGES) if len(whole) else (np.nan, np.nan)
     return Estimate(value, float(low), float(high), count)
 
 

@@ -18,8 +18,10 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor, nn
 
+from hippomat_core.allocation.graphsage_settings import GraphSageSettings
 from hippomat_core.allocation.paper_network import MASKED_LOGIT
 from hippomat_core.allocation.quantise import FULL_SCALE
+from hippomat_core.errors import ConfigError
 from hippomat_core.wire.frames import UNREACHABLE
 from hippomat_sim.learn.advantages import (
     Payment,
@@ -35,6 +37,7 @@ from hippomat_sim.learn.rollout import Rollout
 from hippomat_sim.learn.train_settings import PpoSettings, SignalSettings
 
 _LITTLE = 1e-8
+_HEAD = ("head_steps", "tau_first", "tau_last", "relaxation", "head_temperature")  # of a head while cloned
 _LEAST_EDGES = 5_000  # of a shard: below, threads cost more than they save
 
 
@@ -89,6 +92,7 @@ class Ippo:
         self.workers = ThreadPoolExecutor(threads, initializer=torch.set_flush_denormal, initargs=(True,))
         self.settings, self.signals, self.device = settings, signals, device
         self.random = torch.Generator(device).manual_seed(seed)
+        self.cloned_head = _cloned_head(network, signals)
         self.own_weights = bool(getattr(network, "independent", False))
         self.optimiser = torch.optim.Adam(self._groups(), lr=settings.learning_rate, fused=True)
 
@@ -152,8 +156,7 @@ class Ippo:
             logits, values = self.network.evaluate(batch.inputs)
             return logits, values, logits
         if self.signals.alone and batch.optimal is not None and isinstance(self.network, GraphSageNetwork):
-            head = replace(self.network.settings, head=True, **self.signals.clone_head)
-            alone, with_head = self.network.evaluate_both(batch.inputs, head)
+            alone, with_head = self.network.evaluate_both(batch.inputs, self.cloned_head)
             return alone, None, with_head
         logits = self.network(batch.inputs)
         return logits, None, logits
@@ -301,6 +304,16 @@ class Ippo:
         fall = 1.0 + (self.settings.final_rate - 1.0) * progress
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.learning_rate * fall * group["factor"]
+
+
+def _cloned_head(network: PolicyNetwork, signals: SignalSettings) -> GraphSageSettings:
+    """The network's, but for what [signals.clone_head] says; ConfigError where it cannot say so."""
+    if not isinstance(network, GraphSageNetwork):
+        return GraphSageSettings()
+    for name in signals.clone_head:
+        if name not in _HEAD:
+            raise ConfigError(f"[signals.clone_head] {name}: unknown; known: {', '.join(_HEAD)}")
+    return GraphSageSettings.from_dict({**network.settings.as_dict(), **signals.clone_head, "head": True})
 
 
 def _to_views(figures: Tensor, mine: Tensor) -> Tensor:

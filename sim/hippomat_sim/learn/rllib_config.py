@@ -19,7 +19,7 @@ from hippomat_sim.learn.networks import PolicyNetwork
 from hippomat_sim.learn.parallel_env import agent_name
 from hippomat_sim.learn.rllib_env import ENV_NAME, register
 from hippomat_sim.learn.rllib_module import MAKE_NETWORK, AllocationModule, has_own_weights, module_settings
-from hippomat_sim.learn.rollout import environment_of
+from hippomat_sim.learn.rollout import check_loss, environment_of
 from hippomat_sim.learn.settings import EnvSettings
 from hippomat_sim.learn.train_settings import TrainSettings
 
@@ -122,6 +122,7 @@ def _copies_each(copies: int, runners: int) -> int:
 
 def _refuse(settings: TrainSettings) -> None:
     """ConfigError for what ippo.py does and RLlib's PPO does not."""
+    check_loss(settings)
     ppo, signals = settings.ppo, settings.signals
     wrong = {
         f"ppo.advantage = {ppo.advantage!r} (only 'gae')": ppo.advantage != "gae",

@@ -20,7 +20,7 @@ from hippomat_sim.learn.frozen_set import Evaluation, FrozenSet
 from hippomat_sim.learn.rllib_config import environment_settings, module_names, ppo_config
 from hippomat_sim.learn.rllib_module import load_modules, module_weights
 from hippomat_sim.learn.train_settings import TrainSettings, settings_to_dict
-from hippomat_sim.learn.training import Clock, evaluated_tasks, fresh_network
+from hippomat_sim.learn.training import Clock, check_finite, evaluated_tasks, fresh_network
 from hippomat_sim.learn.training_log import TrainingLog
 from hippomat_sim.learn.world_pool import WorldPool
 
@@ -78,7 +78,9 @@ class RayTraining:
         weights = self._algorithm.learner_group.get_weights()
         load_modules(self.network, [_unprefixed(weights[name]) for name in self._modules])
         row: Row = {"update": clock.update, "agent_steps": clock.agent_steps, "agents": self.agents}
-        row |= _earned(result["env_runners"], self.agents) | self._losses(result["learners"])
+        losses = self._losses(result["learners"])
+        check_finite(losses, self.folder, clock.update)
+        row |= _earned(result["env_runners"], self.agents) | losses
         every = self.settings.budget.evaluate_every
         if self.done or (every and clock.update % every == 0):
             self.evaluation = self._frozen.play(self.network, torch.device("cpu"))

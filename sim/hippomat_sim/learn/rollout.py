@@ -60,16 +60,7 @@ class Collector:
     """Draws an ingredient of the mixture and a fleet's size per rollout; keeps an environment for each."""
 
     def __init__(self, settings: TrainSettings, pool: WorldPool) -> None:
-        if settings.environment.loss > 0.0:
-            raise ConfigError(
-                f"[environment] loss = {settings.environment.loss}: give every ingredient its own: "
-                "set loss in [[episodes]]"
-            )
-        if settings.ppo.advantage != "counterfactual" and any(one.loss for one in settings.episodes):
-            raise ConfigError(
-                f'[[episodes]] loss with advantage = "{settings.ppo.advantage}": a value of a view that only '
-                'its holder has is not learned; set loss = 0 or advantage = "counterfactual"'
-            )
+        check_loss(settings)
         self._settings, self._pool = settings, pool
         self._random = np.random.default_rng((settings.seed, 1))
         shares = np.array([episode.share for episode in settings.episodes])
@@ -112,6 +103,28 @@ class Collector:
         return self._environments[key]
 
 
+def check_loss(settings: TrainSettings) -> None:
+    """ConfigError for losses that no training takes."""
+    base = settings.environment
+    if base.loss > 0.0 or not base.relay:
+        raise ConfigError(
+            f"[environment] loss = {base.loss}, relay = {str(base.relay).lower()}: give every ingredient its "
+            "own: set loss and relay in [[episodes]]"
+        )
+    lossy = [episode for episode in settings.episodes if episode.loss > 0.0]
+    if lossy and settings.ppo.advantage != "counterfactual":
+        raise ConfigError(
+            f'[[episodes]] loss with advantage = "{settings.ppo.advantage}": a value of a view that only its '
+            'holder has is not learned; set loss = 0 or advantage = "counterfactual"'
+        )
+    for episode in lossy:  # elsewhere a view may show tasks that are gone, which nothing prices
+        if episode.turnover != "on_claim":
+            raise ConfigError(
+                f'[[episodes]] loss with turnover = "{episode.turnover}": '
+                'set loss = 0 or turnover = "on_claim"'
+            )
+
+
 def environment_of(base: EnvSettings, episode: EpisodeSettings, agents: int, tasks: int) -> EnvSettings:
     """The environment of one ingredient at one size."""
     return replace(
@@ -139,7 +152,7 @@ def _play(env: VectorEnv, steps: int, act: Act) -> Rollout:
             actions, behind = act(problems)
         done = env.step(actions.cpu().numpy())
         outcomes.add(step, done)
-        if done.final is not None:
+        if done.final is not None and not lossy:  # a value of views is not learned
             finals.append(done.final)
             final_at.append(step * env.copies + np.flatnonzero(done.terminated | done.truncated))
         seen.append(problems)

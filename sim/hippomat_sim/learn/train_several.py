@@ -1,4 +1,4 @@
-"""Several training runs at once, each in a process of its own. Their weights are those of one by one."""
+"""Several training runs at once, each in a process of its own, which changes no weights (on a CPU)."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from hippomat_sim.learn.train_worker import Failed, Finished, LastWord, Worker, 
 from hippomat_sim.learn.training_log import read_metrics
 
 _LOOK_S = 0.2  # how often Ctrl-C is looked for
+_END_S = 30.0  # after its last word
 
 
 def train_several(
@@ -72,7 +73,8 @@ class _Crew:
             self._view.show(worker.run, said)
             return
         del self._workers[worker.pipe]
-        worker.process.join()
+        worker.process.join(_END_S)
+        worker.process.kill()  # one that hangs on its way out holds nobody up
         worker.pipe.close()
         self._ended(worker.run, said)
 

@@ -125,7 +125,7 @@ class Training:
         rollout = self.collector.collect(self.ippo.act)
         collected_s = time.perf_counter()
         losses = self.ippo.learn(rollout, progress)
-        self._check(losses)
+        check_finite(losses, self.folder, self.clock.update + 1)
         learned_s = time.perf_counter()
         clock = self.clock
         clock.update += 1
@@ -140,15 +140,6 @@ class Training:
             )
             row["evaluation"] = self.evaluation
         return {**row, "collect_s": clock.collect_s, "learn_s": clock.learn_s}
-
-    def _check(self, losses: dict[str, float]) -> None:
-        """Weights that are no numbers must not overwrite the last checkpoint."""
-        for name, value in losses.items():
-            if not math.isfinite(value):
-                raise TrainingDiverged(
-                    f"{self.folder}: {name} = {value} at update {self.clock.update + 1}: the run diverged; "
-                    "lower [ppo] learning_rate or set gradient_clip"
-                )
 
     def save(self) -> Path:
         """Everything that resumed() needs."""
@@ -166,6 +157,16 @@ class Training:
                 "evaluation": json.dumps(self.evaluation),
             },
         )
+
+
+def check_finite(losses: Row, folder: Path, update: int) -> None:
+    """TrainingDiverged where one is no number: such weights must not overwrite the last checkpoint."""
+    for name, value in losses.items():
+        if not math.isfinite(value):
+            raise TrainingDiverged(
+                f"{folder}: {name} = {value} at update {update}: the run diverged, and would again from its "
+                "checkpoint; lower [ppo] learning_rate or set gradient_clip, and train in another directory"
+            )
 
 
 def fresh_network(settings: TrainSettings) -> PolicyNetwork:

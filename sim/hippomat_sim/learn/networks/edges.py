@@ -56,7 +56,7 @@ class SeenEdges(PolicyInputs):
 
 
 def seen_edges(inputs: PolicyInputs, settings: GraphSageSettings) -> SeenEdges:
-    """Worked out now, or before."""
+    """Worked out now, or before by a network with the same look_ahead and wait_factor."""
     if isinstance(inputs, SeenEdges):
         return inputs
     edges = edges_of(inputs, settings)

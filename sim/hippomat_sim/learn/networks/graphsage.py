@@ -72,8 +72,8 @@ def _matrix(layer: nn.Linear) -> Tensor:
 
 
 class GraphSageNetwork(PolicyNetwork):
-    """compiled: float32 on a CPU goes through compiled functions (trunk.py, head.py), which give the same;
-    False: torch's operations alone."""
+    """compiled: on a CPU in float32 the head (head.py) and, where no value is asked for, the hops (trunk.py)
+    go through compiled functions, which give the same; False: torch's operations alone."""
 
     network = "graphsage"
     training_only = "value_"

@@ -1,8 +1,8 @@
 """The edge network's hops for many snapshots at once, fast on a CPU: one function of autograd with a backward
 of its own.
 
-It computes what `GraphSageNetwork.learned` says in torch's operations, in blocks of snapshots that stay in
-the cache: products by torch, what lies between them compiled (trunk_kernels.py). A plane is one number of
+It computes what `GraphSageNetwork.learned` says in torch's operations, block by block of
+snapshots: products by torch, what lies between them compiled (trunk_kernels.py). A plane is one number of
 every edge of the block, (N, M, B) with the snapshots innermost; a layer's bias is its matrix's last column,
 times a plane of ones. float32; features get no gradient.
 """
@@ -21,7 +21,7 @@ from torch.autograd.function import once_differentiable
 
 from hippomat_sim.learn.networks.trunk_kernels import NOTHING, relu_backward, shares_backward, shares_forward
 
-_BLOCK_EDGES = 6_000  # a block's scratch is about 3 MB
+_BLOCK_EDGES = 6_000  # about 10 MB with all that the way back needs; smaller ones cost more calls
 
 Planes = NDArray[np.float32]
 
@@ -58,7 +58,7 @@ class _Trunk(torch.autograd.Function):
         outputs = layers[-1].shape[0]
         learned = features.new_empty(outputs, count, agents, tasks)
         size = max(1, _BLOCK_EDGES // (agents * tasks))
-        kept = []
+        learns, kept = any(ctx.needs_input_grad), []
         for first in range(0, count, size):
             some = slice(first, min(first + size, count))
             x = features.new_ones(planes + 1, agents, tasks, some.stop - first)
@@ -66,20 +66,19 @@ class _Trunk(torch.autograd.Function):
             closed = None if valid is None else ~valid[some].permute(1, 2, 0)
             block = _Block(x, closed, layers)
             learned[:, some] = block.forward().permute(0, 3, 1, 2)
-            kept.append((some, block))
-        ctx.kept = kept
+            if learns:
+                kept.append((some, block))
+        ctx.kept, ctx.layers = kept, layers
         return learned
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *by_outputs: Tensor) -> Any:
         (by_learned,) = by_outputs
-        gradients: list[Tensor] | None = None
+        gradients = [torch.zeros_like(layer) for layer in ctx.layers]
         for some, block in ctx.kept:
-            if gradients is None:
-                gradients = [torch.zeros_like(layer) for layer in block.layers]
             block.backward(by_learned[:, some].permute(0, 2, 3, 1).contiguous(), gradients)
-        return (None, None, *(gradients or ()))
+        return (None, None, *gradients)
 
 
 class _Block:
