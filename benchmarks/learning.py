@@ -28,7 +28,7 @@ from hippomat_sim.learn.training import fresh_network
 from hippomat_sim.learn.world_pool import WorldPool, make_pool
 
 AGENTS = TASKS = 30
-COPIES = 256
+COPIES = 600  # hundreds: the call from Python is shared by all
 
 
 def env_step_fixed() -> Result:
