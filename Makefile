@@ -30,7 +30,7 @@ bench: $(VENV)/.dev
 	$(BIN)/python -m benchmarks
 
 # docs/results.md, its CSV and its pictures: trains what is missing in build/runs (the paper's networks for one fleet
-# size each; STEPS=N agent steps instead of the usual), then measures everything: about an hour on two quiet cores.
+# size each; STEPS=N agent steps instead of the usual), then measures everything: an hour or two on two cores.
 # Interrupted, it goes on where it was. A missed goal is no error here.
 results: $(VENV)/.dev
 	$(BIN)/hippomat-bench tables --train $(STEPS) --resume --out build/tables --runs build/runs || [ $$? -eq 2 ]

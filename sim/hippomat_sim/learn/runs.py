@@ -14,7 +14,7 @@ from hippomat_sim.learn.train_settings import TrainSettings, load_train_settings
 POLICY_NAME = "policy.safetensors"
 
 # Updates of the runs for one fleet each, where nobody says otherwise: the same for every size, because an
-# update is as many steps of each agent, whatever their number. Two hours of one core for all.
+# update is as many steps of each agent, whatever their number. An hour or two of one core for all.
 UPDATES = {"paper": 200, "no_neighbours": 40, "mappo_gcn": 40}
 LONGER = {"paper_on_claim_10x30": 400}  # the paper's curves
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import TextColumn
 
 from hippomat_core.errors import HippomatError
 from hippomat_sim.learn.checkpoint import FILE_NAME
 from hippomat_sim.learn.interrupt import Interrupt
 from hippomat_sim.learn.pool_bar import make_pool_shown
 from hippomat_sim.learn.runs import Run
+from hippomat_sim.learn.train_view import StepsBar
 from hippomat_sim.learn.train_worker import Failed, Finished, LastWord, Worker, start_worker
 from hippomat_sim.learn.training_log import read_metrics
 
@@ -93,42 +93,23 @@ class _Crew:
                 worker.ask_to_stop()
 
 
-class _View:
-    """A context: one bar over the agent steps of all runs is there inside. totals: of each run."""
+class _View(StepsBar):
+    """Of all runs together. totals: the agent steps of each."""
 
     def __init__(self, console: Console, totals: dict[Run, int], directory: Path) -> None:
+        super().__init__(console, sum(totals.values()), TextColumn("{task.description}"))
         self._totals, self._ended = totals, 0
         self._steps = {run: _steps_of(directory / run.name) for run in totals}
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=24),
-            TaskProgressColumn(),
-            TextColumn("{task.fields[figures]}"),
-            TimeRemainingColumn(),
-        )
-        self._progress = Progress(*columns, console=console, transient=True)
-        self._task = self._progress.add_task("", total=sum(totals.values()), figures="")
         self._update()
-
-    def __enter__(self) -> _View:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._progress.stop()
 
     def show(self, run: Run, agent_steps: int) -> None:
         self._steps[run] = agent_steps
         self._update()
 
     def finished(self, run: Run, word: Finished) -> None:
-        """A line that stays."""
         self._steps[run] = self._totals[run]
         self._ended += 1
-        said = f"trained {run.name}: {word.minutes:.1f} minutes, {word.evaluation}"
-        self._progress.console.print(said, markup=False, highlight=False, soft_wrap=True)
+        self._say(f"trained {run.name}: {word.minutes:.1f} minutes, {word.evaluation}")
         self._update()
 
     def _update(self) -> None:

@@ -4,31 +4,39 @@ from __future__ import annotations
 
 import time
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 Row = dict[str, Any]
+_Bar = TypeVar("_Bar", bound="StepsBar")
 
 
-class TrainView:
-    """A context: the bar is there inside. total: agent steps of the whole run."""
+class StepsBar:
+    """A context: a bar over agent steps is there inside, `front` before it and `figures` behind it."""
 
-    def __init__(self, console: Console, total: int, done: int) -> None:
-        self._console, self._done, self._began_s = console, done, time.monotonic()
+    def __init__(self, console: Console, total: int, *front: ProgressColumn) -> None:
         columns = (
+            *front,
             BarColumn(bar_width=24),
             TaskProgressColumn(),
             TextColumn("{task.fields[figures]}"),
             TimeRemainingColumn(),
         )
         self._progress = Progress(*columns, console=console, transient=True)
-        self._task = self._progress.add_task("", total=total, completed=done, figures="")
+        self._task = self._progress.add_task("", total=total, figures="")
 
-    def __enter__(self) -> TrainView:
+    def __enter__(self: _Bar) -> _Bar:
         self._progress.start()
         return self
 
@@ -36,6 +44,19 @@ class TrainView:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._progress.stop()
+
+    def _say(self, line: str) -> None:
+        """A line that stays."""
+        self._progress.console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+class TrainView(StepsBar):
+    """Of one run. total: its agent steps; done: those of before."""
+
+    def __init__(self, console: Console, total: int, done: int) -> None:
+        super().__init__(console, total)
+        self._done, self._began_s = done, time.monotonic()
+        self._progress.update(self._task, completed=done)
 
     def show(self, row: Row) -> None:
         """row: of metrics.jsonl."""
@@ -46,8 +67,7 @@ class TrainView:
         parts += [f"entropy {row['entropy']:.2f}"] if "entropy" in row else []
         self._progress.update(self._task, completed=steps, figures="  ".join(parts))
         if "evaluation" in row:
-            said = f"{steps:>12,}  {evaluation_text(row['evaluation'])}"
-            self._progress.console.print(said, highlight=False, markup=False, soft_wrap=True)
+            self._say(f"{steps:>12,}  {evaluation_text(row['evaluation'])}")
 
 
 def evaluation_text(evaluation: dict[str, dict[str, float]]) -> str:

@@ -141,11 +141,9 @@ class GraphSageNetwork(PolicyNetwork):
         return self._alone(seen.edges, learned), self._with_head(seen.edges, learned, head)
 
     def _logits(self, edges: Edges, learned: Tensor) -> Tensor:
-        return (
-            self._with_head(edges, learned, self.settings)
-            if self.settings.head
-            else self._alone(edges, learned)
-        )
+        if self.settings.head:
+            return self._with_head(edges, learned, self.settings)
+        return self._alone(edges, learned)
 
     def _alone(self, edges: Edges, learned: Tensor) -> Tensor:
         offers = torch.cat([-edges.wait[..., None], learned[0] - edges.cost], dim=2)

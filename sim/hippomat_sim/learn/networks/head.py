@@ -105,10 +105,10 @@ class _Settled(torch.autograd.Function):
         taus = np.array(temperatures(settings))
         steps = np.column_stack([taus, np.full(len(taus), settings.relaxation)])
         steps[0, 1] = 1.0
-        benefit, slack, free = _innermost_snapshots(market)
+        rows, limited = market.limited()
+        benefit, slack, free = _innermost_snapshots(market, rows, limited)
         u = np.zeros((len(taus) + 1, benefit.shape[0], benefit.shape[2]))
         v = np.empty((len(taus) + 1, benefit.shape[1], benefit.shape[2]))
-        _, limited = market.limited()
         v[0] = first.detach().masked_fill(~limited, 0.0).numpy().T
         settle(benefit, slack, free, steps, u, v)
         ctx.given, ctx.limited = (benefit, slack, free, steps, u, v), limited
@@ -123,9 +123,10 @@ class _Settled(torch.autograd.Function):
         return torch.from_numpy(by_v.T.copy()).masked_fill(~ctx.limited, 0.0), None, None
 
 
-def _innermost_snapshots(market: Market) -> tuple[Values, tuple[Values, Values], tuple[Values, Values]]:
-    """Benefits, capacities and what moves, as the kernels take them."""
-    rows, columns = market.limited()
+def _innermost_snapshots(
+    market: Market, rows: Tensor, columns: Tensor
+) -> tuple[Values, tuple[Values, Values], tuple[Values, Values]]:
+    """Benefits, capacities and what moves, as the kernels take them. rows, columns: market.limited()."""
     slacks = []
     for side, log_slack in ((rows, market.log_rows), (columns, market.log_columns)):
         slack = np.zeros((side.shape[1], len(side)))

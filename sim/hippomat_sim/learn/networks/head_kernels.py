@@ -24,36 +24,61 @@ def settle(benefit: Any, slack: Any, free: Any, steps: Any, u: Any, v: Any) -> N
     row_slack, column_slack = slack
     row_free, column_free = free
     n, m, b = benefit.shape
+    edges = benefit.reshape(n * m, b)
     most, total = np.empty(b), np.empty(b)
     for step in range(len(steps)):
-        tau, rate = steps[step]
-        sharpness = 1.0 / tau
+        move, before, after = steps[step], step, step + 1
         for i in range(n):
-            for s in range(b):
-                most[s] = benefit[i, 0, s] - v[step, 0, s]
-                total[s] = 0.0
-            for j in range(1, m):
-                for s in range(b):
-                    most[s] = max(most[s], benefit[i, j, s] - v[step, j, s])
-            for j in range(m):
-                for s in range(b):
-                    total[s] += exp_64((benefit[i, j, s] - v[step, j, s] - most[s]) * sharpness)
-            for s in range(b):
-                target = most[s] + tau * (log_64(total[s]) - row_slack[i, s])
-                u[step + 1, i, s] = row_free[i, s] * (u[step, i, s] + rate * (target - u[step, i, s]))
+            _move(
+                edges,
+                i * m,
+                1,
+                v[before],
+                row_slack[i],
+                row_free[i],
+                move,
+                u[before, i],
+                u[after, i],
+                most,
+                total,
+            )
         for j in range(m):
-            for s in range(b):
-                most[s] = benefit[0, j, s] - u[step + 1, 0, s]
-                total[s] = 0.0
-            for i in range(1, n):
-                for s in range(b):
-                    most[s] = max(most[s], benefit[i, j, s] - u[step + 1, i, s])
-            for i in range(n):
-                for s in range(b):
-                    total[s] += exp_64((benefit[i, j, s] - u[step + 1, i, s] - most[s]) * sharpness)
-            for s in range(b):
-                target = most[s] + tau * (log_64(total[s]) - column_slack[j, s])
-                v[step + 1, j, s] = column_free[j, s] * (v[step, j, s] + rate * (target - v[step, j, s]))
+            _move(
+                edges,
+                j,
+                m,
+                u[after],
+                column_slack[j],
+                column_free[j],
+                move,
+                v[before, j],
+                v[after, j],
+                most,
+                total,
+            )
+
+
+@njit(cache=True, nogil=True)
+def _move(
+    edges: Any, first: int, stride: int, theirs: Any, slack: Any, free: Any, move: Any,
+    before: Any, after: Any, most: Any, total: Any,
+) -> None:  # fmt: skip
+    """Moves the potential of one row or column, (B,), given those across, (K, B). Its K edges lie `stride`
+    apart in (N M, B)."""
+    tau, rate = move
+    sharpness, b = 1.0 / tau, len(after)
+    for s in range(b):
+        most[s] = edges[first, s] - theirs[0, s]
+        total[s] = 0.0
+    for k in range(1, len(theirs)):
+        for s in range(b):
+            most[s] = max(most[s], edges[first + k * stride, s] - theirs[k, s])
+    for k in range(len(theirs)):
+        for s in range(b):
+            total[s] += exp_64((edges[first + k * stride, s] - theirs[k, s] - most[s]) * sharpness)
+    for s in range(b):
+        target = most[s] + tau * (log_64(total[s]) - slack[s])
+        after[s] = free[s] * (before[s] + rate * (target - before[s]))
 
 
 @njit(cache=True, nogil=True)
@@ -66,27 +91,35 @@ def settle_backward(benefit: Any, slack: Any, free: Any, steps: Any, u: Any, v: 
     row_slack, column_slack = slack
     row_free, column_free = free
     n, m, b = benefit.shape
+    edges = benefit.reshape(n * m, b)
     by_u, target, by_target = np.zeros((n, b)), np.empty(b), np.empty(b)
     for step in range(len(steps) - 1, -1, -1):
-        tau, rate = steps[step]
-        sharpness, kept = 1.0 / tau, 1.0 - rate
+        move, before, after = steps[step], step, step + 1
         for j in range(m):
-            for s in range(b):
-                by_target[s] = rate * column_free[j, s] * by_v[j, s]
-                by_v[j, s] *= kept * column_free[j, s]
-                moved = (v[step + 1, j, s] - kept * v[step, j, s]) / rate
-                target[s] = moved + tau * column_slack[j, s]
-            for i in range(n):
-                for s in range(b):
-                    share = (benefit[i, j, s] - u[step + 1, i, s] - target[s]) * sharpness
-                    by_u[i, s] -= by_target[s] * exp_64(min(share, 0.0))
+            _move_backward(
+                edges, j, m, u[after], column_slack[j], column_free[j], move,
+                v[before, j], v[after, j], by_v[j], by_u, target, by_target,
+            )  # fmt: skip
         for i in range(n):
-            for s in range(b):
-                by_target[s] = rate * row_free[i, s] * by_u[i, s]
-                by_u[i, s] *= kept * row_free[i, s]
-                moved = (u[step + 1, i, s] - kept * u[step, i, s]) / rate
-                target[s] = moved + tau * row_slack[i, s]
-            for j in range(m):
-                for s in range(b):
-                    share = (benefit[i, j, s] - v[step, j, s] - target[s]) * sharpness
-                    by_v[j, s] -= by_target[s] * exp_64(min(share, 0.0))
+            _move_backward(
+                edges, i * m, 1, v[before], row_slack[i], row_free[i], move,
+                u[before, i], u[after, i], by_u[i], by_v, target, by_target,
+            )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _move_backward(
+    edges: Any, first: int, stride: int, theirs: Any, slack: Any, free: Any, move: Any,
+    before: Any, after: Any, by_ours: Any, by_theirs: Any, target: Any, by_target: Any,
+) -> None:  # fmt: skip
+    """As _move: by_ours, (B,), becomes the gradient by what was before; by_theirs, (K, B), is added to."""
+    tau, rate = move
+    sharpness, kept, b = 1.0 / tau, 1.0 - rate, len(after)
+    for s in range(b):
+        by_target[s] = rate * free[s] * by_ours[s]
+        by_ours[s] *= kept * free[s]
+        target[s] = (after[s] - kept * before[s]) / rate + tau * slack[s]
+    for k in range(len(theirs)):
+        for s in range(b):
+            share = (edges[first + k * stride, s] - theirs[k, s] - target[s]) * sharpness
+            by_theirs[k, s] -= by_target[s] * exp_64(min(share, 0.0))

@@ -1,10 +1,10 @@
 """The edge network's hops for many snapshots at once, fast on a CPU: one function of autograd with a backward
 of its own.
 
-It computes what `GraphSageNetwork.learned` says in torch's operations, block by block of
-snapshots: products by torch, what lies between them compiled (trunk_kernels.py). A plane is one number of
-every edge of the block, (N, M, B) with the snapshots innermost; a layer's bias is its matrix's last column,
-times a plane of ones. float32; features get no gradient.
+It computes what `GraphSageNetwork.learned` says in torch's operations, block by block of snapshots: products
+by torch, what lies between them compiled (trunk_kernels.py). A plane is one number of every edge of a block,
+(N, M, B) with the snapshots innermost; a layer's bias is its matrix's last column, times a plane of ones.
+float32; features get no gradient.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from hippomat_core.allocation.vector_math import exp_32, log_64
 _WEAKEST = np.float32(WEAKEST_SHARE)
 _SIZE = np.float32(SHARE_SIZE)
 NOTHING = np.float32(-1e9)  # q of an edge that is not valid
-_VALID = np.float32(-5e8)  # every q above belongs to a valid edge
+_VALID = NOTHING / np.float32(2.0)  # every q above belongs to a valid edge
 
 
 @njit(cache=True, nogil=True)
@@ -27,49 +27,36 @@ def shares_forward(q: Any, row_sums: Any, column_sums: Any, rows: Any, columns: 
     Writes log sum exp of q along M and N, and the shares: held from below and brought to size.
     """
     heads, n, m, b = q.shape
-    most = np.empty(b, np.float32)
-    total = np.empty(b, np.float32)
+    planes = heads, n * m, b
+    q, rows, columns = q.reshape(planes), rows.reshape(planes), columns.reshape(planes)
+    most, total = np.empty(b, np.float32), np.empty(b, np.float32)
     for h in range(heads):
         for i in range(n):
-            most[:] = q[h, i, 0]
-            for j in range(1, m):
-                for s in range(b):
-                    most[s] = max(most[s], q[h, i, j, s])
-            total[:] = np.float32(0.0)
-            for j in range(m):
-                for s in range(b):
-                    total[s] += exp_32(q[h, i, j, s] - most[s])
-            for s in range(b):
-                row_sums[h, i, s] = most[s] + np.float32(log_64(np.float64(total[s])))
-            for j in range(m):
-                for s in range(b):
-                    rows[h, i, j, s] = _share(q[h, i, j, s], row_sums[h, i, s])
+            _share(q[h], i * m, 1, m, row_sums[h, i], rows[h], most, total)
         for j in range(m):
-            most[:] = q[h, 0, j]
-            for i in range(1, n):
-                for s in range(b):
-                    most[s] = max(most[s], q[h, i, j, s])
-            total[:] = np.float32(0.0)
-            for i in range(n):
-                for s in range(b):
-                    total[s] += exp_32(q[h, i, j, s] - most[s])
-            for s in range(b):
-                column_sums[h, j, s] = most[s] + np.float32(log_64(np.float64(total[s])))
-            for i in range(n):
-                for s in range(b):
-                    columns[h, i, j, s] = _share(q[h, i, j, s], column_sums[h, j, s])
+            _share(q[h], j, m, n, column_sums[h, j], columns[h], most, total)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _share(q: Any, log_sum: Any) -> Any:
-    share = q - log_sum
-    return (share if q > _VALID and share > _WEAKEST else _WEAKEST) * _SIZE
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _softmax(q: Any, log_sum: Any) -> Any:
-    share = exp_32(q - log_sum)
-    return share if q > _VALID else np.float32(0.0)  # subnormal products would slow all that follows
+@njit(cache=True, nogil=True)
+def _share(
+    q: Any, first: int, stride: int, count: int, log_sum: Any, shares: Any, most: Any, total: Any
+) -> None:
+    """Of one row or column: so many edges of q and shares, (N M, B), from the first on."""
+    b, end = len(log_sum), first + count * stride
+    most[:] = q[first]
+    for e in range(first + stride, end, stride):
+        for s in range(b):
+            most[s] = max(most[s], q[e, s])
+    total[:] = np.float32(0.0)
+    for e in range(first, end, stride):
+        for s in range(b):
+            total[s] += exp_32(q[e, s] - most[s])
+    for s in range(b):
+        log_sum[s] = most[s] + np.float32(log_64(np.float64(total[s])))
+    for e in range(first, end, stride):
+        for s in range(b):
+            share = q[e, s] - log_sum[s]
+            shares[e, s] = (share if q[e, s] > _VALID and share > _WEAKEST else _WEAKEST) * _SIZE
 
 
 @njit(cache=True, nogil=True)
@@ -79,30 +66,34 @@ def shares_backward(q: Any, row_sums: Any, column_sums: Any, by_row: Any, by_col
     Of y = q - log sum exp(q): dq = dy - softmax(q) sum(dy), with dy = 0 where a share was held from below.
     """
     heads, n, m, b = q.shape
+    planes = heads, n * m, b
+    q, by_q = q.reshape(planes), by_q.reshape(planes)
+    by_row, by_column = by_row.reshape(planes), by_column.reshape(planes)
     total = np.empty(b, np.float32)
     for h in range(heads):
         for i in range(n):
-            total[:] = np.float32(0.0)
-            for j in range(m):
-                for s in range(b):
-                    free = q[h, i, j, s] > _VALID and q[h, i, j, s] - row_sums[h, i, s] > _WEAKEST
-                    by_row[h, i, j, s] = by_row[h, i, j, s] * _SIZE if free else np.float32(0.0)
-                    total[s] += by_row[h, i, j, s]
-            for j in range(m):
-                for s in range(b):
-                    share = _softmax(q[h, i, j, s], row_sums[h, i, s])
-                    by_q[h, i, j, s] += by_row[h, i, j, s] - share * total[s]
+            _share_backward(q[h], i * m, 1, m, row_sums[h, i], by_row[h], by_q[h], total)
         for j in range(m):
-            total[:] = np.float32(0.0)
-            for i in range(n):
-                for s in range(b):
-                    free = q[h, i, j, s] > _VALID and q[h, i, j, s] - column_sums[h, j, s] > _WEAKEST
-                    by_column[h, i, j, s] = by_column[h, i, j, s] * _SIZE if free else np.float32(0.0)
-                    total[s] += by_column[h, i, j, s]
-            for i in range(n):
-                for s in range(b):
-                    share = _softmax(q[h, i, j, s], column_sums[h, j, s])
-                    by_q[h, i, j, s] += by_column[h, i, j, s] - share * total[s]
+            _share_backward(q[h], j, m, n, column_sums[h, j], by_column[h], by_q[h], total)
+
+
+@njit(cache=True, nogil=True)
+def _share_backward(
+    q: Any, first: int, stride: int, count: int, log_sum: Any, by_share: Any, by_q: Any, total: Any
+) -> None:
+    """As _share; by_share is changed."""
+    b, end = len(log_sum), first + count * stride
+    total[:] = np.float32(0.0)
+    for e in range(first, end, stride):
+        for s in range(b):
+            free = q[e, s] > _VALID and q[e, s] - log_sum[s] > _WEAKEST
+            by_share[e, s] = by_share[e, s] * _SIZE if free else np.float32(0.0)
+            total[s] += by_share[e, s]
+    for e in range(first, end, stride):
+        for s in range(b):
+            share = exp_32(q[e, s] - log_sum[s])
+            share = share if q[e, s] > _VALID else np.float32(0.0)  # subnormal products slow all that follows
+            by_q[e, s] += by_share[e, s] - share * total[s]
 
 
 @njit(cache=True, nogil=True)
