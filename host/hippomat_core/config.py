@@ -238,8 +238,10 @@ def _check_footprint(robot: RobotConfig, name: str) -> None:
     where = f"{name}: [robot] footprint"
     if len(corners) < 3 or any(len(corner) != 2 for corner in corners):
         raise ConfigError(f"{where} needs three corners [x, y] or more, found {corners!r}")
+    if not all(math.isfinite(value) for corner in corners for value in corner):
+        raise ConfigError(f"{where} holds what is no length: {corners!r}")
     for k, (x, y) in enumerate(corners):
-        if not math.hypot(x, y) <= robot.radius_m:
+        if math.hypot(x, y) > robot.radius_m:
             raise ConfigError(
                 f"{where}: corner [{x}, {y}] lies outside [robot] radius_m = {robot.radius_m}, the disc that "
                 f"planning and peers keep clear: set radius_m = {math.ceil(math.hypot(x, y) * 1000) / 1000}"

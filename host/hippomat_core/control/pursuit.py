@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from hippomat_core.planning.costmap import Costmap
 
-SIGHT_STEP = 0.4  # cells between two looks along a line of sight
-
 
 def pursued_point(
     ahead: NDArray[np.float64], x_m: float, y_m: float, look_m: float, costmap: Costmap
@@ -81,13 +79,23 @@ def _in_sight(
     origin_y: float,
     resolution: float,
 ) -> bool:
-    """True where the straight way from a to b stays on free cells."""
+    """True where the straight way from a to b touches free cells only (Amanatides & Woo 1987)."""
     height, width = free.shape
-    count = max(2, math.ceil(math.hypot(bx - ax, by - ay) / (SIGHT_STEP * resolution)))
-    for k in range(count + 1):
-        t = k / count
-        ix = math.floor((ax + t * (bx - ax) - origin_x) / resolution)
-        iy = math.floor((ay + t * (by - ay) - origin_y) / resolution)
+    fx, fy = (ax - origin_x) / resolution, (ay - origin_y) / resolution
+    dx, dy = (bx - ax) / resolution, (by - ay) / resolution
+    ix, iy = math.floor(fx), math.floor(fy)
+    steps = abs(math.floor(fx + dx) - ix) + abs(math.floor(fy + dy) - iy)
+    step_x, step_y = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    # The share of the way at which the next border is crossed, and from one border to the next.
+    next_x = ((ix + (dx > 0)) - fx) / dx if dx != 0.0 else math.inf
+    next_y = ((iy + (dy > 0)) - fy) / dy if dy != 0.0 else math.inf
+    every_x = step_x / dx if dx != 0.0 else math.inf
+    every_y = step_y / dy if dy != 0.0 else math.inf
+    for _ in range(steps + 1):
         if not (0 <= ix < width and 0 <= iy < height and free[iy, ix]):
             return False
+        if next_x < next_y:
+            ix, next_x = ix + step_x, next_x + every_x
+        else:
+            iy, next_y = iy + step_y, next_y + every_y
     return True

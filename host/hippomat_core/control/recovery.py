@@ -86,6 +86,7 @@ class Recovery:
     wheels_m: float = 0.0  # of which the wheels turned
     nearest_m: float = math.inf  # to the goal, so far
     distant_s: float = 0.0  # since it came nearer
+    farthest_m: float = 0.0  # from the goal, since then, where there was a way
     stuck_at: tuple[float, float] = (0.0, 0.0)
     stuck_nearest_m: float = math.inf  # nearest_m at that time
     trail: tuple[tuple[float, float], ...] = ()  # oldest first
@@ -109,7 +110,7 @@ def recover(
         return _acting(now, motion, seen, config)
     if now.stuck and _is_free(now, motion, config):
         now = replace(now, tried=DRIVE, cause="")
-    if not _is_stuck(now, seen, config):
+    if not _is_stuck(now, config):
         return now, NOTHING
     return _begun(now, motion, seen, config)
 
@@ -118,11 +119,13 @@ def _watched(now: Recovery, motion: Motion, seen: Symptoms, dt_s: float, config:
     """Time without progress; that of waiting for a robot counts for less."""
     settings = config.recovery
     worry_s = dt_s * (min(settings.stuck_s / settings.waiting_s, 1.0) if seen.waits else 1.0)
+    left_m = seen.remaining_m if math.isfinite(seen.remaining_m) else 0.0
     nearer = seen.remaining_m < now.nearest_m - settings.progress_m
     now = replace(
         now,
         nearest_m=seen.remaining_m if nearer else now.nearest_m,
         distant_s=0.0 if nearer else now.distant_s + worry_s,
+        farthest_m=max(0.0 if nearer else now.farthest_m, left_m),
     )
     turned_rad = abs(math.remainder(motion.yaw_rad - now.anchor[2], math.tau))
     if _away_m(now.anchor[:2], motion) > settings.progress_m or turned_rad > TURNED_RAD:
@@ -147,16 +150,16 @@ def _is_free(now: Recovery, motion: Motion, config: Config) -> bool:
     return away and now.nearest_m < now.stuck_nearest_m
 
 
-def _is_stuck(now: Recovery, seen: Symptoms, config: Config) -> bool:
+def _is_stuck(now: Recovery, config: Config) -> bool:
     settings = config.recovery
     patience_s = settings.retry_s if now.stuck else settings.stuck_s
-    return now.stalled_s >= patience_s or _is_distant(now, seen, config)
+    return now.stalled_s >= patience_s or _is_distant(now, config)
 
 
-def _is_distant(now: Recovery, seen: Symptoms, config: Config) -> bool:
+def _is_distant(now: Recovery, config: Config) -> bool:
     """Time enough for any detour has passed, and it is no nearer."""
-    left_m = seen.remaining_m if math.isfinite(seen.remaining_m) else 0.0
-    return now.distant_s >= config.recovery.distant_s + DETOUR * left_m / config.limits.speed_mps
+    detour_s = DETOUR * now.farthest_m / config.limits.speed_mps
+    return now.distant_s >= config.recovery.distant_s + detour_s
 
 
 def _begun(now: Recovery, motion: Motion, seen: Symptoms, config: Config) -> tuple[Recovery, Order]:
