@@ -108,8 +108,12 @@ def _seen(state: State) -> NDArray[np.float64]:
 
 
 def _discs(state: State, peers: list[PeerMotion]) -> NDArray[np.float64]:
-    """(k, 3) fresh peers in the base frame: x, y, radius [m]. Older ones are left to the scan."""
+    """(k, 3) fresh peers in the base frame: x, y, radius [m], which grows by what they drove since they told.
+
+    Older ones are left to the scan.
+    """
     fresh = [peer for peer in peers if peer.age_s <= state.config.planning.peer_stale_s]
     at = np.array([[peer.x_m, peer.y_m] for peer in fresh]).reshape(-1, 2)
     xy = carried_along(at, (0.0, 0.0, 0.0), state.pose)
-    return np.column_stack([xy, np.full(len(xy), state.config.robot.radius_m)])
+    driven_m = np.array([peer.speed_mps * peer.age_s for peer in fresh])
+    return np.column_stack([xy, state.config.robot.radius_m + driven_m])
