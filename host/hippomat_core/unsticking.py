@@ -97,7 +97,7 @@ def _told(state: State, before: Recovery, motion: Motion, effects: list[Effect])
     freed = before.stuck and now.tried == DRIVE
     if now.step != before.step or freed:
         step = FREE if freed else now.step
-        effects.append(RecoveryChanged(step, now.cause or before.cause, before.stalled_s, *place))
+        effects.append(RecoveryChanged(step, now.cause or before.cause, before.still.stalled_s, *place))
     raised = STUCK in state.alarms
     if now.stuck and not raised:
         effects.append(AlarmRaised(WARNING, STUCK, f"stuck: {TEXTS[now.cause]}; trying to get free"))

@@ -37,6 +37,7 @@ TURN_RAD = math.pi / 2
 TURNED_RAD = 1.0  # turning this far is progress too: a long turn in place is no standing still
 HELD_BACK_S = 1.0  # of being held by the guard: there is no way back
 LONGEST_S = 8.0  # an attempt that does not come to its end is over
+LONGEST_TICK_S = 0.2  # time in which nothing was seen counts for no more
 STEER_M = 0.15  # the place backed up to is at least so far away
 DETOUR = 2.0  # times the way that is left may be driven without coming nearer to the goal
 AGAIN_S = 20.0  # after an attempt that was due to coming no nearer, before the next one
@@ -69,6 +70,26 @@ NOTHING = Order()
 
 
 @dataclass(frozen=True, slots=True)
+class Standstill:
+    """Since there last was progress."""
+
+    anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the pose then
+    stalled_s: float = 0.0
+    held_s: float = 0.0  # of which the guard held it
+    commanded_m: float = 0.0
+    wheels_m: float = 0.0  # of which the wheels turned
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """Whether the way to the goal gets shorter than it ever was."""
+
+    nearest_m: float = math.inf  # so far
+    distant_s: float = 0.0  # since then
+    farthest_m: float = 0.0  # since then, where there was a way
+
+
+@dataclass(frozen=True, slots=True)
 class Recovery:
     """Memory between ticks; start with Recovery(). Places in the frame of the pose it is given."""
 
@@ -79,16 +100,10 @@ class Recovery:
     cause: str = ""
     since_ns: int = NEVER  # of the step
     began_at: tuple[float, float, float] = (0.0, 0.0, 0.0)  # its place
-    anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)  # where there last was progress
-    stalled_s: float = 0.0  # since then
-    held_s: float = 0.0  # of which the guard held it
-    commanded_m: float = 0.0
-    wheels_m: float = 0.0  # of which the wheels turned
-    nearest_m: float = math.inf  # to the goal, so far
-    distant_s: float = 0.0  # since it came nearer
-    farthest_m: float = 0.0  # from the goal, since then, where there was a way
+    still: Standstill = Standstill()
+    approach: Approach = Approach()
     stuck_at: tuple[float, float] = (0.0, 0.0)
-    stuck_nearest_m: float = math.inf  # nearest_m at that time
+    stuck_nearest_m: float = math.inf  # approach.nearest_m at that time
     trail: tuple[tuple[float, float], ...] = ()  # oldest first
 
     @property
@@ -101,11 +116,13 @@ def recover(
     last: Recovery, stamp_ns: int, motion: Motion, seen: Symptoms, config: Config
 ) -> tuple[Recovery, Order]:
     """One tick: what is known, and what to do if the robot is stuck."""
-    dt_s = 0.0 if last.stamp_ns == NEVER else min(max((stamp_ns - last.stamp_ns) / 1e9, 0.0), 0.2)
     trail = _trailed(last.trail, motion)
     if seen.goal is None or seen.goal != last.goal:
-        return Recovery(stamp_ns=stamp_ns, goal=seen.goal, anchor=_place(motion), trail=trail), NOTHING
-    now = _watched(replace(last, stamp_ns=stamp_ns, trail=trail), motion, seen, dt_s, config)
+        still = Standstill(_place(motion))
+        return Recovery(stamp_ns=stamp_ns, goal=seen.goal, still=still, trail=trail), NOTHING
+    dt_s = min(max((stamp_ns - last.stamp_ns) / 1e9, 0.0), LONGEST_TICK_S)
+    still, approach = _watched(last, motion, seen, dt_s, config)
+    now = replace(last, stamp_ns=stamp_ns, still=still, approach=approach, trail=trail)
     if now.step != DRIVE:
         return _acting(now, motion, seen, config)
     if now.stuck and _is_free(now, motion, config):
@@ -115,58 +132,54 @@ def recover(
     return _begun(now, motion, seen, config)
 
 
-def _watched(now: Recovery, motion: Motion, seen: Symptoms, dt_s: float, config: Config) -> Recovery:
+def _watched(
+    last: Recovery, motion: Motion, seen: Symptoms, dt_s: float, config: Config
+) -> tuple[Standstill, Approach]:
     """Time without progress; that of waiting for a robot counts for less."""
-    settings = config.recovery
+    settings, still, approach = config.recovery, last.still, last.approach
     worry_s = dt_s * (min(settings.stuck_s / settings.waiting_s, 1.0) if seen.waits else 1.0)
     left_m = seen.remaining_m if math.isfinite(seen.remaining_m) else 0.0
-    nearer = seen.remaining_m < now.nearest_m - settings.progress_m
-    now = replace(
-        now,
-        nearest_m=seen.remaining_m if nearer else now.nearest_m,
-        distant_s=0.0 if nearer else now.distant_s + worry_s,
-        farthest_m=max(0.0 if nearer else now.farthest_m, left_m),
+    if seen.remaining_m < approach.nearest_m - settings.progress_m:
+        approach = Approach(seen.remaining_m, 0.0, left_m)
+    else:
+        farthest_m = max(approach.farthest_m, left_m)
+        approach = Approach(approach.nearest_m, approach.distant_s + worry_s, farthest_m)
+    turned_rad = abs(math.remainder(motion.yaw_rad - still.anchor[2], math.tau))
+    if _away_m(still.anchor[:2], motion) > settings.progress_m or turned_rad > TURNED_RAD:
+        return Standstill(_place(motion)), approach
+    still = Standstill(
+        still.anchor,
+        still.stalled_s + worry_s,
+        still.held_s + (worry_s if seen.held else 0.0),
+        still.commanded_m + abs(seen.commanded_mps) * dt_s,
+        still.wheels_m + abs(motion.v_mps) * dt_s,
     )
-    turned_rad = abs(math.remainder(motion.yaw_rad - now.anchor[2], math.tau))
-    if _away_m(now.anchor[:2], motion) > settings.progress_m or turned_rad > TURNED_RAD:
-        return _anew(now, motion)
-    return replace(
-        now,
-        stalled_s=now.stalled_s + worry_s,
-        held_s=now.held_s + (worry_s if seen.held else 0.0),
-        commanded_m=now.commanded_m + abs(seen.commanded_mps) * dt_s,
-        wheels_m=now.wheels_m + abs(motion.v_mps) * dt_s,
-    )
-
-
-def _anew(now: Recovery, motion: Motion) -> Recovery:
-    """There was progress, or an attempt: time counts from here."""
-    return replace(now, anchor=_place(motion), stalled_s=0.0, held_s=0.0, commanded_m=0.0, wheels_m=0.0)
+    return still, approach
 
 
 def _is_free(now: Recovery, motion: Motion, config: Config) -> bool:
     """Elsewhere, and nearer to the goal than ever: going to and fro is no escape."""
     away = _away_m(now.stuck_at, motion) > ESCAPED * config.recovery.progress_m
-    return away and now.nearest_m < now.stuck_nearest_m
+    return away and now.approach.nearest_m < now.stuck_nearest_m
 
 
 def _is_stuck(now: Recovery, config: Config) -> bool:
     settings = config.recovery
     patience_s = settings.retry_s if now.stuck else settings.stuck_s
-    return now.stalled_s >= patience_s or _is_distant(now, config)
+    return now.still.stalled_s >= patience_s or _is_distant(now, config)
 
 
 def _is_distant(now: Recovery, config: Config) -> bool:
     """Time enough for any detour has passed, and it is no nearer."""
-    detour_s = DETOUR * now.farthest_m / config.limits.speed_mps
-    return now.distant_s >= config.recovery.distant_s + detour_s
+    detour_s = DETOUR * now.approach.farthest_m / config.limits.speed_mps
+    return now.approach.distant_s >= config.recovery.distant_s + detour_s
 
 
 def _begun(now: Recovery, motion: Motion, seen: Symptoms, config: Config) -> tuple[Recovery, Order]:
     """The next attempt."""
     step, place = NEXT[now.tried], _place(motion)
     if not now.stuck:
-        now = replace(now, stuck_at=place[:2], stuck_nearest_m=now.nearest_m)
+        now = replace(now, stuck_at=place[:2], stuck_nearest_m=now.approach.nearest_m)
     cause = _cause(now, seen, config)
     now = replace(now, step=step, tried=step, cause=cause, since_ns=now.stamp_ns, began_at=place)
     return now, replace(_order(now, motion, config), began=True)
@@ -176,8 +189,9 @@ def _acting(now: Recovery, motion: Motion, seen: Symptoms, config: Config) -> tu
     """Go on with the attempt, or end it and drive on."""
     if not _is_over(now, motion, seen, config):
         return now, _order(now, motion, config)
-    distant_s = max(now.distant_s - AGAIN_S, 0.0) if now.cause == NO_NEARER else 0.0
-    return replace(_anew(now, motion), step=DRIVE, since_ns=now.stamp_ns, distant_s=distant_s), NOTHING
+    distant_s = max(now.approach.distant_s - AGAIN_S, 0.0) if now.cause == NO_NEARER else 0.0
+    approach, still = replace(now.approach, distant_s=distant_s), Standstill(_place(motion))
+    return replace(now, step=DRIVE, since_ns=now.stamp_ns, still=still, approach=approach), NOTHING
 
 
 def _is_over(now: Recovery, motion: Motion, seen: Symptoms, config: Config) -> bool:
@@ -216,15 +230,16 @@ def _behind(trail: tuple[tuple[float, float], ...], motion: Motion) -> list[tupl
 
 def _cause(now: Recovery, seen: Symptoms, config: Config) -> str:
     """What keeps the robot, as far as its own senses tell."""
-    if now.stalled_s < config.recovery.retry_s:
+    still = now.still
+    if still.stalled_s < config.recovery.retry_s:
         return NO_NEARER
     if seen.waits:
         return WAITING
-    if now.held_s > now.stalled_s / 2:
+    if still.held_s > still.stalled_s / 2:
         return GUARD
-    if now.wheels_m > SLIP * config.recovery.progress_m:
+    if still.wheels_m > SLIP * config.recovery.progress_m:
         return SLIPS
-    return WHEELS if now.commanded_m > IDLE_MPS * now.stalled_s else BLOCKED
+    return WHEELS if still.commanded_m > IDLE_MPS * still.stalled_s else BLOCKED
 
 
 def _trailed(trail: tuple[tuple[float, float], ...], motion: Motion) -> tuple[tuple[float, float], ...]:
