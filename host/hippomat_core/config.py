@@ -106,7 +106,7 @@ class RecoveryConfig:
 
     stuck_s: float = number(8.0, 1.0, 600.0)  # without moving by progress_m although it should
     waiting_s: float = number(60.0, 1.0, 3600.0)  # the same while it waits for a robot that is heard
-    distant_s: float = number(40.0, 5.0, 3600.0)  # without coming nearer to the goal by progress_m
+    distant_s: float = number(40.0, 20.0, 3600.0)  # without coming nearer to the goal by progress_m
     progress_m: float = number(0.1, 0.02, 5.0)
     retry_s: float = number(5.0, 1.0, 600.0)  # after an attempt, before the next one
     back_m: float = number(0.25, 0.0, 2.0)  # backed up along the way it came

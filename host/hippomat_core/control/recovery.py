@@ -40,7 +40,7 @@ LONGEST_S = 8.0  # an attempt that does not come to its end is over
 LONGEST_TICK_S = 0.2  # time in which nothing was seen counts for no more
 STEER_M = 0.15  # the place backed up to is at least so far away
 DETOUR = 2.0  # times the way that is left may be driven without coming nearer to the goal
-AGAIN_S = 20.0  # after an attempt that was due to coming no nearer, before the next one
+AGAIN_S = 20.0  # after an attempt, before the next one for coming no nearer
 SLIP = 3.0  # wheels that turned for so many times progress_m without the pose moving slip
 IDLE_MPS = 0.02  # less was commanded, or measured, on average: not driven at all
 
@@ -166,13 +166,12 @@ def _is_free(now: Recovery, motion: Motion, config: Config) -> bool:
 def _is_stuck(now: Recovery, config: Config) -> bool:
     settings = config.recovery
     patience_s = settings.retry_s if now.stuck else settings.stuck_s
-    return now.still.stalled_s >= patience_s or _is_distant(now, config)
+    return now.still.stalled_s >= patience_s or now.approach.distant_s >= _patience_s(now, config)
 
 
-def _is_distant(now: Recovery, config: Config) -> bool:
-    """Time enough for any detour has passed, and it is no nearer."""
-    detour_s = DETOUR * now.approach.farthest_m / config.limits.speed_mps
-    return now.approach.distant_s >= config.recovery.distant_s + detour_s
+def _patience_s(now: Recovery, config: Config) -> float:
+    """Time enough for any detour: after that a robot that is no nearer is stuck."""
+    return config.recovery.distant_s + DETOUR * now.approach.farthest_m / config.limits.speed_mps
 
 
 def _begun(now: Recovery, motion: Motion, seen: Symptoms, config: Config) -> tuple[Recovery, Order]:
@@ -189,7 +188,7 @@ def _acting(now: Recovery, motion: Motion, seen: Symptoms, config: Config) -> tu
     """Go on with the attempt, or end it and drive on."""
     if not _is_over(now, motion, seen, config):
         return now, _order(now, motion, config)
-    distant_s = max(now.approach.distant_s - AGAIN_S, 0.0) if now.cause == NO_NEARER else 0.0
+    distant_s = min(now.approach.distant_s, _patience_s(now, config) - AGAIN_S)
     approach, still = replace(now.approach, distant_s=distant_s), Standstill(_place(motion))
     return replace(now, step=DRIVE, since_ns=now.stamp_ns, still=still, approach=approach), NOTHING
 
