@@ -203,5 +203,5 @@ def _intent(state: State) -> Intent:
     if state.ground is None:
         return Intent()
     grid = state.ground.costmap.grid
-    ix, iy = grid.cell_of(state.odometry.x_m, state.odometry.y_m)
+    ix, iy = grid.cell_of(*state.pose[:2])
     return Intent(min(max(ix, 0), grid.width - 1), min(max(iy, 0), grid.height - 1))

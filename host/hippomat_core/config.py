@@ -101,6 +101,18 @@ class GuardConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class SlamConfig:
+    """Where the robot is: from its lidar and a saved map, or from its wheels alone."""
+
+    mode: str = choice("auto", "auto", "odometry")  # auto: localize in the map that was given
+    score_min: float = number(0.55, 0.1, 1.0)  # share of a scan's evidence that must speak for the pose
+    lost_after_s: float = number(1.5, 0.2, 30.0)  # without a scan that fits
+    lost_radius_m: float = number(0.5, 0.05, 10.0)  # 95 % of the pose's error; beyond it, it is not known
+    odometry_noise_m: float = number(0.04, 0.001, 1.0)  # standard deviation after one metre
+    odometry_noise_rad: float = number(0.06, 0.001, 1.0)  # after one radian turned, or one metre driven
+
+
+@dataclass(frozen=True, slots=True)
 class LogConfig:
     """Recording; part files rotate by size."""
 
@@ -119,6 +131,7 @@ class Config:
     limits: LimitsConfig = LimitsConfig()
     planning: PlanningConfig = PlanningConfig()
     guard: GuardConfig = GuardConfig()
+    slam: SlamConfig = SlamConfig()
     log: LogConfig = LogConfig()
 
 

@@ -32,18 +32,20 @@ def with_faults(state: State, now_ns: int, effects: list[Effect]) -> State:
 
 
 def _text(state: State, code: str) -> str:
+    if code == "not_localized" and state.place is not None:
+        return state.place.why
     return state.stop.text if code == "stop" else BY_CODE[code].text
 
 
 def _faults(state: State, now_ns: int) -> list[str]:
-    config, odometry = state.config, state.odometry
+    config, odometry, place = state.config, state.odometry, state.place
     base_silent = odometry.last is None or now_ns - odometry.stamp_ns > BASE_SILENT_NS
     scan_ns = None if state.scan is None else now_ns - state.scan.stamp_ns
     holds = {
         "no_map": state.ground is None,
         "base_lost": not state.ports[BASE] or base_silent,
         "lidar_lost": not state.ports[LIDAR] or scan_ns is None or scan_ns > config.lidar.timeout_s * 1e9,
-        "not_localized": not config.robot.start_known,
+        "not_localized": not (config.robot.start_known if place is None else place.localized),
         "radio_lost": not state.ports[RADIO] or now_ns - state.radio_heard_ns > RADIO_SILENT_NS,
         "stop": state.stop.latched,
     }

@@ -21,6 +21,7 @@ from hippomat_core.fields import (
     U32,
     U64,
     F32Array,
+    F64Array,
     I8Array,
     I16Array,
     U8Array,
@@ -282,6 +283,25 @@ class PoseEstimated:
 
 
 @dataclass(frozen=True, slots=True)
+class Localized:
+    """What one sweep says of where the robot is in the map; its pose at the end of the sweep (map frame).
+
+    covariance: (9,) row by row, of x, y [m] and yaw [rad]. The counts are of the sweep's returns.
+    """
+
+    phase: str  # checking, localized, lost
+    x_m: F64
+    y_m: F64
+    yaw_rad: F64
+    score: F64  # 0 .. 1
+    covariance: F64Array
+    on_walls: U16
+    through_walls: U16
+    unexplained: U16
+    masked: U16  # on peers, left out
+
+
+@dataclass(frozen=True, slots=True)
 class RoundDecided:
     """One decision with everything it was made from: the snapshot and the delivery ledger.
 
@@ -383,6 +403,7 @@ Effect: TypeAlias = (
     | SendTasks
     | Drive
     | PoseEstimated
+    | Localized
     | RoundDecided
     | ClaimChanged
     | ConflictSeen

@@ -19,7 +19,10 @@ from hippomat_core.fleet.progress import Progress
 from hippomat_core.fleet.radio_health import RadioHealth
 from hippomat_core.fleet.state import FleetState
 from hippomat_core.planning.ground import Fields, Ground
+from hippomat_core.slam.localizer import Localizer
 from hippomat_core.slam.odometry import Odometry
+from hippomat_core.slam.pose2 import Pose, compose
+from hippomat_core.slam.sweep import SweepClock
 from hippomat_core.wire.frames import FLAG_STOPPED, LAST_STOP, Header, StateFrame
 
 NEVER = -(10**18)
@@ -27,14 +30,14 @@ NEVER = -(10**18)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """The latest sweep's returns in the base frame, and the pose (map frame) they were taken at.
+    """The latest sweep's returns in the base frame, and the pose (odom frame) they were taken at.
 
     With them, points of earlier sweeps that the robot came too near to for the lidar to see them still.
     """
 
     stamp_ns: int
     points: Points  # (n, 2) [m]
-    pose: tuple[float, float, float]  # x [m], y [m], yaw [rad]
+    pose: Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +77,7 @@ class Stop:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """The robot. Poses in the map frame (x east, y north)."""
+    """The robot. `pose` is in the map frame (x east, y north); odometry and scan are in the odom frame."""
 
     config: Config
     policy_hash: bytes
@@ -87,6 +90,8 @@ class State:
     ground: Ground | None = None
     fields: Fields = field(default_factory=lambda: Fields({}))
     scan: Scan | None = None
+    sweeps: SweepClock = field(default_factory=SweepClock)
+    place: Localizer | None = None  # None: the odom frame is the map frame
     navigator: Navigator = field(default_factory=Navigator)
     outcome: NavOutcome | None = None  # of the last tick that was allowed to move
     held: bool = False  # the guard slowed the last command
@@ -101,8 +106,9 @@ class State:
         return self.config.robot.id < 0
 
     @property
-    def pose(self) -> tuple[float, float, float]:
-        return self.odometry.x_m, self.odometry.y_m, self.odometry.yaw_rad
+    def pose(self) -> Pose:
+        odom = self.odometry.pose
+        return odom if self.place is None else compose(self.place.map_from_odom, odom)
 
 
 def initial_state(config: Config, policy: bytes | None = None) -> State:

@@ -22,6 +22,7 @@ from hippomat_core.fleet.digest import fleet_digest
 from hippomat_core.fleet.hearing import heard_relay, heard_state, heard_tasks
 from hippomat_core.fleet.radio_health import judged
 from hippomat_core.fleet.state import FleetState
+from hippomat_core.localization import on_map, on_sweep
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import (
     BASE,
@@ -83,7 +84,7 @@ def _map_received(state: State, event: MapReceived) -> Stepped:
     fleet, effects = fleet_state.with_map(state.fleet, event.stamp_ns, ground.sites, digest)
     navigator = forget_path(state.navigator)
     state = replace(state, ground=ground, fleet=fleet, fields=Fields({}), navigator=navigator, outcome=None)
-    return state, tuple(effects)
+    return on_map(state, ground, event.stamp_ns), tuple(effects)
 
 
 def _port_opened(state: State, event: PortOpened) -> Stepped:
@@ -123,9 +124,12 @@ def _scan_received(state: State, event: ScanReceived) -> Stepped:
     lidar, last = state.config.lidar, state.scan
     points = scan_points(event, lidar)
     if last is not None:
-        before = carried_along(last.points, last.pose, state.pose)
+        before = carried_along(last.points, last.pose, state.odometry.pose)
         points = np.concatenate([hidden_points(before, lidar), points])
-    return replace(state, scan=Scan(event.stamp_ns, points, state.pose)), ()
+    state = replace(state, scan=Scan(event.stamp_ns, points, state.odometry.pose))
+    effects: list[Effect] = []
+    state = on_sweep(state, event, effects)
+    return state, tuple(effects)
 
 
 def _awake(state: State, event: StateHeard | RelayHeard | TasksHeard) -> FleetState:

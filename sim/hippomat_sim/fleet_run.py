@@ -25,6 +25,7 @@ from hippomat_core.config import Config
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.planning.ground import ground_of
+from hippomat_core.slam.warm_up import warm_up as warm_up_localizer
 from hippomat_logs.map_files import load_map
 from hippomat_logs.policy_files import policy_of
 from hippomat_sim.daemons import Daemon, DaemonOrder, describe_end, interrupt_all, kill_all
@@ -141,6 +142,8 @@ class FleetRun:
         fleet = self.config.fleet
         allocator = make_allocator(fleet.allocator, policy_of(fleet), fleet.size, fleet.task_slots)
         warm_up(allocator, fleet.size, fleet.task_slots)
+        if self.config.slam.mode == "auto":
+            warm_up_localizer()
 
     def _order(self, robot: int) -> DaemonOrder:
         x_m, y_m, yaw_rad = self.starts[robot].tolist()

@@ -1,0 +1,77 @@
+"""When each sample of a sweep was taken, and the sweep as if it had all been seen at one instant.
+
+A lidar turns while the robot drives: at 1 rad/s a sweep of 0.18 s is bent by ten degrees. Samples come evenly
+in time, but bytes are read late by a varying while, so the end of a sweep is tracked rather than believed.
+Poses are the odometry's, in the odom frame; knows no map.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hippomat_core.config import LidarConfig
+from hippomat_core.messages import ScanReceived
+from hippomat_core.slam.odometry import Odometry
+from hippomat_core.slam.pose2 import Pose, inverse, transformed
+
+NO_STAMP = -1
+LOST_NS = (
+    60_000_000  # further from the expected end than this: a sweep was missed, or the motor changed speed
+)
+SETTLE = 1 / 16  # share of a late arrival that is believed; an early one is believed whole
+DRIFT = 1 / 64  # share of it that goes into the time between two samples
+FIRST_SAMPLE_NS = 500_000.0  # an A1 takes 2,000 samples a second in the standard scan
+
+
+@dataclass(frozen=True, slots=True)
+class SweepClock:
+    """When the last sweep ended, and the time from one sample to the next."""
+
+    end_ns: int = NO_STAMP
+    sample_ns: float = FIRST_SAMPLE_NS
+
+    def after(self, stamp_ns: int, count: int) -> SweepClock:
+        """After one more sweep of `count` samples, whose last bytes were read at stamp_ns."""
+        expected_ns = self.end_ns + round(count * self.sample_ns)
+        late_ns = stamp_ns - expected_ns
+        if self.end_ns == NO_STAMP or abs(late_ns) > LOST_NS:
+            return SweepClock(
+                stamp_ns, self.sample_ns if self.end_ns == NO_STAMP else self._slower(count, late_ns)
+            )
+        sample_ns = self.sample_ns + DRIFT * late_ns / count
+        return SweepClock(expected_ns + (late_ns if late_ns < 0 else round(SETTLE * late_ns)), sample_ns)
+
+    def _slower(self, count: int, late_ns: int) -> float:
+        """A sweep at another speed; one that was missed says nothing about it."""
+        sample_ns = self.sample_ns + late_ns / count
+        return sample_ns if 0.2 * FIRST_SAMPLE_NS < sample_ns < 1.5 * FIRST_SAMPLE_NS else self.sample_ns
+
+    def stamps_ns(self, count: int) -> NDArray[np.float64]:
+        """(count,) of the samples of the sweep that ended last, relative to its end."""
+        return np.arange(1 - count, 1, dtype=np.float64) * self.sample_ns
+
+
+def deskewed(
+    scan: ScanReceived, clock: SweepClock, odometry: Odometry, lidar: LidarConfig
+) -> tuple[NDArray[np.float64], Pose]:
+    """The sweep's returns in the base frame, (n, 2) [m], and the pose (odom frame) that they are seen from.
+
+    That pose is the newest one that the odometry knows of the time of the sweep. Returns outside the lidar's
+    range are left out.
+    """
+    range_m = scan.distance_q2 / 4000.0
+    kept = (scan.distance_q2 > 0) & (range_m >= lidar.min_range_m) & (range_m <= lidar.max_range_m)
+    range_m = range_m[kept]
+    angle_rad = lidar.yaw_rad - np.deg2rad(scan.angle_q6[kept] / 64.0)
+    x_m = lidar.x_m + range_m * np.cos(angle_rad)
+    y_m = lidar.y_m + range_m * np.sin(angle_rad)
+    taken_ns = clock.end_ns + clock.stamps_ns(len(scan.distance_q2))[kept]
+    at_ns = float(min(clock.end_ns, odometry.stamp_ns))
+    east_m, north_m, yaw_rad = odometry.poses_at(taken_ns)
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    in_odom = np.stack([east_m + c * x_m - s * y_m, north_m + s * x_m + c * y_m], axis=1)
+    x, y, yaw = (float(axis[0]) for axis in odometry.poses_at(np.array([at_ns])))
+    return transformed(inverse((x, y, yaw)), in_odom), (x, y, yaw)
