@@ -50,13 +50,13 @@ def on_sweep(state: State, event: ScanReceived, effects: list[Effect]) -> State:
     before = state.place
     if before is None:
         return state
-    points, odom = deskewed(event, state.sweeps, state.odometry, state.config.lidar)
+    points, odom, at_ns = deskewed(event, state.sweeps, state.odometry, state.config.lidar)
     shown = points
     if before.localized:
         pose = compose(before.map_from_odom, odom)
         shown = masked(points, pose, _peers_m(state, event.stamp_ns), state.config.robot.radius_m)
     after = with_sweep(before, Seen(shown, odom), event.stamp_ns)
-    effects.append(_record(after, len(points) - len(shown)))
+    effects.append(_record(after, at_ns, len(points) - len(shown)))
     return _told(state, before, after, effects)
 
 
@@ -89,12 +89,13 @@ def _peers_m(state: State, now_ns: int) -> NDArray[np.float64]:
     return np.array(at).reshape(-1, 2)
 
 
-def _record(place: Localizer, masked_count: int) -> Localized:
+def _record(place: Localizer, at_ns: int, masked_count: int) -> Localized:
     x_m, y_m, yaw_rad = compose(place.map_from_odom, place.odom)
     unknown = place.estimate is None
-    covariance = np.zeros(9) if place.estimate is None else place.estimate.covariance.ravel().copy()
+    covariance = np.zeros(9) if place.estimate is None else place.estimate.stated.ravel()
     fit = place.fit
     return Localized(
+        at_ns,
         place.phase,
         *((0.0, 0.0, 0.0) if unknown else (x_m, y_m, yaw_rad)),
         fit.score,

@@ -284,11 +284,12 @@ class PoseEstimated:
 
 @dataclass(frozen=True, slots=True)
 class Localized:
-    """What one sweep says of where the robot is in the map; its pose at the end of the sweep (map frame).
+    """What one sweep says of where the robot is in the map; its pose near the sweep's end (map frame).
 
     covariance: (9,) row by row, of x, y [m] and yaw [rad]. The counts are of the sweep's returns.
     """
 
+    stamp_ns: I64  # of the pose: a sweep ends before its last bytes are read
     phase: str  # checking, localized, lost
     x_m: F64
     y_m: F64

@@ -56,10 +56,10 @@ class SweepClock:
 
 def deskewed(
     scan: ScanReceived, clock: SweepClock, odometry: Odometry, lidar: LidarConfig
-) -> tuple[NDArray[np.float64], Pose]:
-    """The sweep's returns in the base frame, (n, 2) [m], and the pose (odom frame) that they are seen from.
+) -> tuple[NDArray[np.float64], Pose, int]:
+    """The sweep's returns in the base frame, (n, 2) [m], the pose (odom frame) they are seen from, and its stamp.
 
-    That pose is the newest one that the odometry knows of the time of the sweep. Returns outside the lidar's
+    The pose is the newest one that the odometry knows of the time of the sweep. Returns outside the lidar's
     range are left out.
     """
     range_m = scan.distance_q2 / 4000.0
@@ -69,9 +69,9 @@ def deskewed(
     x_m = lidar.x_m + range_m * np.cos(angle_rad)
     y_m = lidar.y_m + range_m * np.sin(angle_rad)
     taken_ns = clock.end_ns + clock.stamps_ns(len(scan.distance_q2))[kept]
-    at_ns = float(min(clock.end_ns, odometry.stamp_ns))
+    at_ns = min(clock.end_ns, odometry.stamp_ns)
     east_m, north_m, yaw_rad = odometry.poses_at(taken_ns)
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     in_odom = np.stack([east_m + c * x_m - s * y_m, north_m + s * x_m + c * y_m], axis=1)
-    x, y, yaw = (float(axis[0]) for axis in odometry.poses_at(np.array([at_ns])))
-    return transformed(inverse((x, y, yaw)), in_odom), (x, y, yaw)
+    x, y, yaw = (float(axis[0]) for axis in odometry.poses_at(np.array([float(at_ns)])))
+    return transformed(inverse((x, y, yaw)), in_odom), (x, y, yaw), at_ns

@@ -2,7 +2,7 @@
 
 An extended Kalman filter over (x, y, yaw) in the map frame (Thrun, Burgard, Fox: Probabilistic Robotics, 3.3
 and 5.4). Along a bare corridor the matcher knows little and the odometry keeps the pose; scans from one place
-err alike, so many of them do not make it surer than the map is. Knows no map: a match is an argument.
+err alike, so what is stated is never surer than the map is. Knows no map: a match is an argument.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from hippomat_core.config import SlamConfig
 from hippomat_core.slam.matcher import Match
 from hippomat_core.slam.pose2 import Pose, between, compose
 
-MAP_SIGMA = (0.012, 0.012, 0.006)  # [m, m, rad] a match errs alike from one place: cells, rounded walls
-FORGETTING = 0.25  # share of that which counts as new with every scan
+MAP_SIGMA = (0.018, 0.018, 0.006)  # [m, m, rad] what no number of scans averages out: walls are whole cells
+SCAN_SIGMA = (0.004, 0.004, 0.003)  # of the pose from one scan to the next, even where the robot stands
 GATE = 16.3  # squared deviations: one correction in a thousand is larger, if the odometry is what it says
 CHI2_95 = 5.991  # of two degrees of freedom
 
@@ -28,12 +28,17 @@ class Estimate:
     """Map frame; covariance (3, 3) of x, y [m], yaw [rad]."""
 
     pose: Pose
-    covariance: NDArray[np.float64]
+    covariance: NDArray[np.float64]  # of what scans and odometry can tell
+
+    @property
+    def stated(self) -> NDArray[np.float64]:
+        """(3, 3): the covariance of the pose's error, that of the map itself included."""
+        return self.covariance + np.diag(np.square(MAP_SIGMA))
 
     @property
     def radius_m(self) -> float:
         """The robot is within this of the pose, 95 times of 100: the longer half axis of the ellipse."""
-        return math.sqrt(CHI2_95 * float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+        return math.sqrt(CHI2_95 * float(np.linalg.eigvalsh(self.stated[:2, :2])[-1]))
 
 
 def at_start(pose: Pose, xy_m: float, yaw_rad: float) -> Estimate:
@@ -62,9 +67,8 @@ def carried_on(estimate: Estimate, before: Pose, now: Pose, config: SlamConfig) 
 
 def corrected(predicted: Estimate, found: Match) -> Estimate:
     """With a match, each in proportion to what it knows; a match far from all odometry replaces the pose."""
-    alike = np.diag(np.square(MAP_SIGMA))
-    noise = np.linalg.inv(found.information) + alike
-    prior = predicted.covariance + FORGETTING * alike
+    noise = np.linalg.inv(found.information)
+    prior = predicted.covariance + np.diag(np.square(SCAN_SIGMA))
     off = found.pose - np.array(predicted.pose)
     off[2] = math.remainder(off[2], math.tau)
     gain_of = np.linalg.inv(prior + noise)
