@@ -1,4 +1,4 @@
-"""One robot core with a skewed lidar and drifting wheels in a room of walls; motion is scripted, time is exact.
+"""One robot core with a skewed lidar and drifting wheels in a room of walls; scripted motion, exact time.
 
 For tests of localization through step(): no fleet, no bytes, no physics.
 """
@@ -44,7 +44,7 @@ def flat(width_m=6.0, height_m=5.0, resolution_m=0.05):
 
 
 def ranges(grid, poses, bearings_rad, reach_m=12.0):
-    """(n,) [m] from poses (n, 3) along bearings (n,) of the base frame to the first occupied cell; inf beyond."""
+    """(n,) [m] from poses (n, 3) along bearings (n,), base frame, to the first occupied cell; inf beyond."""
     step_m = grid.resolution_m / 5
     along = np.arange(0.1, reach_m, step_m)
     heading = poses[:, 2] + bearings_rad

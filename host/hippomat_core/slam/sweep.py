@@ -57,7 +57,7 @@ class SweepClock:
 def deskewed(
     scan: ScanReceived, clock: SweepClock, odometry: Odometry, lidar: LidarConfig
 ) -> tuple[NDArray[np.float64], Pose, int]:
-    """The sweep's returns in the base frame, (n, 2) [m], the pose (odom frame) they are seen from, and its stamp.
+    """The sweep's returns in the base frame, (n, 2) [m], their pose (odom frame), its stamp.
 
     The pose is the newest one that the odometry knows of the time of the sweep. Returns outside the lidar's
     range are left out.

@@ -1,4 +1,4 @@
-"""Localize once in a small room, found anew in the whole map too: what numba compiles must not stall a robot."""
+"""Localize once in a small room and find oneself anew in it, so that numba compiles before it matters."""
 
 from __future__ import annotations
 
