@@ -18,12 +18,10 @@ from hippomat_core.slam.odometry import Odometry
 from hippomat_core.slam.pose2 import Pose, inverse, transformed
 
 NO_STAMP = -1
-LOST_NS = (
-    60_000_000  # further from the expected end than this: a sweep was missed, or the motor changed speed
-)
+MISSED_NS = 60_000_000  # further from the expected end than this: a sweep was missed
 SETTLE = 1 / 16  # share of a late arrival that is believed; an early one is believed whole
-DRIFT = 1 / 64  # share of it that goes into the time between two samples
-FIRST_SAMPLE_NS = 500_000.0  # an A1 takes 2,000 samples a second in the standard scan
+DRIFT = 1 / 64  # share of it that goes into the time between two samples, once that is known
+FASTEST_NS, SLOWEST_NS = 50_000.0, 1_500_000.0  # from one sample to the next; an A1's standard scan: 500,000
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,23 +29,20 @@ class SweepClock:
     """When the last sweep ended, and the time from one sample to the next."""
 
     end_ns: int = NO_STAMP
-    sample_ns: float = FIRST_SAMPLE_NS
+    sample_ns: float = 500_000.0
+    seen: int = 0  # sweeps in a row
 
     def after(self, stamp_ns: int, count: int) -> SweepClock:
         """After one more sweep of `count` samples, whose last bytes were read at stamp_ns."""
         expected_ns = self.end_ns + round(count * self.sample_ns)
         late_ns = stamp_ns - expected_ns
-        if self.end_ns == NO_STAMP or abs(late_ns) > LOST_NS:
-            return SweepClock(
-                stamp_ns, self.sample_ns if self.end_ns == NO_STAMP else self._slower(count, late_ns)
-            )
-        sample_ns = self.sample_ns + DRIFT * late_ns / count
-        return SweepClock(expected_ns + (late_ns if late_ns < 0 else round(SETTLE * late_ns)), sample_ns)
-
-    def _slower(self, count: int, late_ns: int) -> float:
-        """A sweep at another speed; one that was missed says nothing about it."""
-        sample_ns = self.sample_ns + late_ns / count
-        return sample_ns if 0.2 * FIRST_SAMPLE_NS < sample_ns < 1.5 * FIRST_SAMPLE_NS else self.sample_ns
+        if self.seen == 1 and FASTEST_NS <= (stamp_ns - self.end_ns) / count <= SLOWEST_NS:
+            return SweepClock(stamp_ns, (stamp_ns - self.end_ns) / count, 2)
+        if self.seen < 2 or abs(late_ns) > MISSED_NS:
+            return SweepClock(stamp_ns, self.sample_ns, 1)
+        sample_ns = self.sample_ns + max(1 / self.seen, DRIFT) * late_ns / count
+        end_ns = expected_ns + (late_ns if late_ns < 0 else round(SETTLE * late_ns))
+        return SweepClock(end_ns, sample_ns, self.seen + 1)
 
     def stamps_ns(self, count: int) -> NDArray[np.float64]:
         """(count,) of the samples of the sweep that ended last, relative to its end."""
