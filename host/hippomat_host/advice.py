@@ -16,6 +16,7 @@ class Given:
     map: str = ""
     robot: int = -1
     start: str = ""  # x,y,yaw
+    fleet: str = ""  # a fleet.toml, which may say map and start
 
     @property
     def missing(self) -> list[str]:
@@ -25,7 +26,7 @@ class Given:
             "the lidar (--lidar)": self.lidar,
             "the fleet's map (--map)": self.map,
             "this robot's id (--robot)": "" if self.robot < 0 else "given",
-            "where it stands (--start)": self.start,
+            "where it stands (--start)": self.start or self.fleet,
         }
         return [name for name, value in wants.items() if not value]
 
@@ -36,8 +37,12 @@ class Given:
     def next_command(self) -> str:
         """The whole command, with capitals where the user has to fill in."""
         config = f" --config {self.config}" if self.config else ""
+        robot = f" --robot {self.robot if self.robot >= 0 else 'N'}"
+        if self.fleet:
+            place = f" --fleet {self.fleet}{robot}"
+        else:
+            place = f" --map {self.map or 'MAP.yaml'}{robot} --start {self.start or 'X,Y,YAW'}"
         return (
             f"hippomat-host --port {self.radio} --base {self.base or 'BASE'} --lidar {self.lidar or 'LIDAR'}"
-            f"{config} --map {self.map or 'MAP.yaml'} --robot {self.robot if self.robot >= 0 else 'N'}"
-            f" --start {self.start or 'X,Y,YAW'}"
+            f"{config}{place}"
         )

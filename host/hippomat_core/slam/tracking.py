@@ -33,7 +33,7 @@ class Estimate:
     @property
     def stated(self) -> NDArray[np.float64]:
         """(3, 3): the covariance of the pose's error, that of the map itself included."""
-        return self.covariance + np.diag(np.square(MAP_SIGMA))
+        return np.asarray(self.covariance + np.diag(np.square(MAP_SIGMA)), np.float64)
 
     @property
     def radius_m(self) -> float:
@@ -43,7 +43,7 @@ class Estimate:
 
 def at_start(pose: Pose, xy_m: float, yaw_rad: float) -> Estimate:
     """As sure as a person is who puts a robot on its mark; standard deviations."""
-    return Estimate(pose, np.diag([xy_m**2, xy_m**2, yaw_rad**2]))
+    return Estimate(pose, np.diag(np.array([xy_m, xy_m, yaw_rad]) ** 2))
 
 
 def carried_on(estimate: Estimate, before: Pose, now: Pose, config: SlamConfig) -> Estimate:
@@ -79,4 +79,5 @@ def corrected(predicted: Estimate, found: Match) -> Estimate:
     x, y, yaw = (np.array(predicted.pose) + gain @ off).tolist()
     left = np.eye(3) - gain
     covariance = left @ prior @ left.T + gain @ noise @ gain.T
-    return Estimate((x, y, math.remainder(yaw, math.tau)), 0.5 * (covariance + covariance.T))
+    both = np.asarray(0.5 * (covariance + covariance.T), np.float64)
+    return Estimate((x, y, math.remainder(yaw, math.tau)), both)
