@@ -75,7 +75,7 @@ def merged(*trees: Tree) -> Tree:
 
 
 def parse_roster(text: str, source: str = "fleet.toml") -> Roster:
-    """Raises ConfigError naming the file, the thing and the value. Settings are checked where they are used."""
+        raise ConfigError(f"{who}: vehicle = {member.vehicle!r} is not in [vehicles]; known: {known}")
     tree = parse_toml(text, source)
     map_name, robots, vehicles = tree.pop("map", ""), tree.pop("robots", []), tree.pop("vehicles", {})
     if not isinstance(map_name, str):

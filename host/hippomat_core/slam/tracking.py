@@ -74,8 +74,8 @@ def corrected(predicted: Estimate, found: Match) -> Estimate:
     gain_of = np.linalg.inv(prior + noise)
     if float(off @ gain_of @ off) > GATE:
         x, y, yaw = found.pose.tolist()
-        return Estimate((x, y, yaw), noise)
-    gain = prior @ gain_of
+        return Estimate((x, y, yaw), np.asarray(noise, np.float64))
+    gain = np.asarray(prior @ gain_of, np.float64)
     x, y, yaw = (np.array(predicted.pose) + gain @ off).tolist()
     left = np.eye(3) - gain
     covariance = left @ prior @ left.T + gain @ noise @ gain.T
