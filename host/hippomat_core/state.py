@@ -18,7 +18,8 @@ from hippomat_core.fleet import state as fleet_state
 from hippomat_core.fleet.progress import Progress
 from hippomat_core.fleet.radio_health import RadioHealth
 from hippomat_core.fleet.state import FleetState
-from hippomat_core.planning.ground import Fields, Ground
+from hippomat_core.planning.field_cache import Fields
+from hippomat_core.planning.ground import Ground
 from hippomat_core.slam.odometry import Odometry
 from hippomat_core.wire.frames import FLAG_STOPPED, LAST_STOP, Header, StateFrame
 
