@@ -92,13 +92,14 @@ def _with_fields(state: State, ground: Ground) -> State:
     """A distance field for every open task and for the destination of our claim."""
     tasks, claim = state.fleet.tasks, state.fleet.own_claim
     positions_m = tasks.positions_m()
-    wanted = {
-        (slot, int(tasks.generations[slot])): (float(positions_m[slot, 0]), float(positions_m[slot, 1]))
+    grid = ground.costmap.grid
+    goals = {
+        (slot, int(tasks.generations[slot])): grid.cell_of(*positions_m[slot, :2].tolist())
         for slot in np.flatnonzero(tasks.states != INACTIVE).tolist()
     }
     if claim is not None:
-        wanted[claim.id.task] = claim.destination_m[:2]
-    return replace(state, fields=state.fields.with_tasks(ground, wanted))
+        goals[claim.id.task] = grid.cell_of(*claim.destination_m[:2])
+    return replace(state, fields=state.fields.with_goals(ground.costmap.graph, goals, grid.resolution_m))
 
 
 def _travel_costs_s(state: State, ground: Ground, place_m: tuple[float, float]) -> NDArray[np.float64]:

@@ -50,7 +50,9 @@ from hippomat_core.messages import (
     TasksHeard,
     Tick,
 )
-from hippomat_core.planning.ground import Fields, ground_of
+from hippomat_core.planning.field_cache import Fields
+from hippomat_core.planning.ground import Ground, ground_of
+from hippomat_core.planning.map_change import path_holds
 from hippomat_core.slam.odometry import moved
 from hippomat_core.state import Scan, State, initial_state, merged_stop
 from hippomat_core.tick import tick
@@ -82,9 +84,22 @@ def _map_received(state: State, event: MapReceived) -> Stepped:
     weights = b"" if state.config.fleet.policy_per_robot else state.policy_hash
     digest = fleet_digest(state.config.fleet, ground.c_max_s, grid.hash() + sites, weights)
     fleet, effects = fleet_state.with_map(state.fleet, event.stamp_ns, ground.sites, digest)
-    navigator = forget_path(state.navigator)
-    state = replace(state, ground=ground, fleet=fleet, fields=Fields({}), navigator=navigator, outcome=None)
+    state = replace(_with_ground(state, ground), fleet=fleet)
     return on_map(state, ground, event.stamp_ns), tuple(effects)
+
+
+def _with_ground(state: State, ground: Ground) -> State:
+    """What was planned on the old map and holds on the new one is kept: fields, and the path being driven.
+
+    A way that the new map opens is found when the next path is planned.
+    """
+    old, fields, navigator, outcome = state.ground, Fields({}), forget_path(state.navigator), None
+    if old is not None and ground.costmap.grid.lies_as(old.costmap.grid):
+        fields = state.fields.with_space(old.costmap.graph, ground.costmap.graph)
+        path = state.navigator.path
+        if path is not None and path_holds(ground.costmap.graph, path):
+            navigator, outcome = state.navigator, state.outcome
+    return replace(state, ground=ground, fields=fields, navigator=navigator, outcome=outcome)
 
 
 def _port_opened(state: State, event: PortOpened) -> Stepped:

@@ -75,7 +75,7 @@ def merged(*trees: Tree) -> Tree:
 
 
 def parse_roster(text: str, source: str = "fleet.toml") -> Roster:
-        raise ConfigError(f"{who}: vehicle = {member.vehicle!r} is not in [vehicles]; known: {known}")
+    """Raises ConfigError naming file, thing and value. The settings themselves are checked where they are used."""
     tree = parse_toml(text, source)
     map_name, robots, vehicles = tree.pop("map", ""), tree.pop("robots", []), tree.pop("vehicles", {})
     if not isinstance(map_name, str):
@@ -107,7 +107,7 @@ def _member(member: Member, vehicles: dict[str, Tree], source: str) -> Member:
         )
     if member.vehicle and member.vehicle not in vehicles:
         known = ", ".join(vehicles) or "none"
-        raise ConfigError(f"{who}: vehicle = {member.vehicle!r} has no [vehicles] table; known: {known}")
+        raise ConfigError(f"{who}: vehicle = {member.vehicle!r} is not in [vehicles]; known: {known}")
     return member
 
 
