@@ -75,7 +75,7 @@ def merged(*trees: Tree) -> Tree:
 
 
 def parse_roster(text: str, source: str = "fleet.toml") -> Roster:
-    """Raises ConfigError naming file, thing and value. The settings themselves are checked where they are used."""
+    """Raises ConfigError naming file, thing and value. Settings are checked where they are used."""
     tree = parse_toml(text, source)
     map_name, robots, vehicles = tree.pop("map", ""), tree.pop("robots", []), tree.pop("vehicles", {})
     if not isinstance(map_name, str):
