@@ -19,6 +19,7 @@ from hippomat_core.fleet.progress import Progress
 from hippomat_core.fleet.radio_health import RadioHealth
 from hippomat_core.fleet.state import FleetState
 from hippomat_core.planning.field_cache import Fields
+from hippomat_core.planning.ground import Ground
 from hippomat_core.slam.localizer import Localizer
 from hippomat_core.slam.odometry import Odometry
 from hippomat_core.slam.pose2 import Pose, compose
