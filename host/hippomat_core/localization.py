@@ -46,7 +46,6 @@ def on_map(state: State, ground: Ground, now_ns: int) -> State:
 
 def on_sweep(state: State, event: ScanReceived, effects: list[Effect]) -> State:
     """After a whole sweep."""
-    state = replace(state, sweeps=state.sweeps.after(event.stamp_ns, len(event.distance_q2)))
     before = state.place
     if before is None:
         return state

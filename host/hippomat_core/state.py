@@ -23,7 +23,8 @@ from hippomat_core.planning.ground import Ground
 from hippomat_core.slam.localizer import Localizer
 from hippomat_core.slam.odometry import Odometry
 from hippomat_core.slam.pose2 import Pose, compose
-from hippomat_core.slam.sweep import SweepClock
+from hippomat_core.slam.steady_clock import SteadyClock
+from hippomat_core.slam.sweep import SAMPLE_NS
 from hippomat_core.wire.frames import FLAG_STOPPED, LAST_STOP, Header, StateFrame
 
 NEVER = -(10**18)
@@ -91,7 +92,7 @@ class State:
     ground: Ground | None = None
     fields: Fields = field(default_factory=lambda: Fields({}))
     scan: Scan | None = None
-    sweeps: SweepClock = field(default_factory=SweepClock)
+    sweeps: SteadyClock = field(default_factory=lambda: SteadyClock(SAMPLE_NS))
     place: Localizer | None = None  # None: the odom frame is the map frame
     navigator: Navigator = field(default_factory=Navigator)
     outcome: NavOutcome | None = None  # of the last tick that was allowed to move

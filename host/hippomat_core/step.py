@@ -134,6 +134,7 @@ def _base_feedback(state: State, event: BaseFeedback) -> Stepped:
 
 
 def _scan_received(state: State, event: ScanReceived) -> Stepped:
+    state = replace(state, sweeps=state.sweeps.after(event.stamp_ns, max(len(event.angle_q6), 1)))
     if not is_whole(event):
         return state, ()
     lidar, last = state.config.lidar, state.scan

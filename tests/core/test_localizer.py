@@ -21,7 +21,8 @@ from hippomat_core.slam.masking import masked
 from hippomat_core.slam.odometry import Odometry, moved
 from hippomat_core.slam.pose2 import apart, between, compose, inverse, transformed
 from hippomat_core.slam.scan_fit import scan_fit
-from hippomat_core.slam.sweep import SweepClock, deskewed
+from hippomat_core.slam.steady_clock import SteadyClock
+from hippomat_core.slam.sweep import SAMPLE_NS, deskewed
 from hippomat_core.slam.tracking import at_start, carried_on
 from hippomat_core.slam.warm_up import warm_up
 
@@ -78,8 +79,8 @@ def test_a_sweep_is_seen_as_from_one_place_however_the_robot_moved(v_mps, wz_rad
         yaw = wz_radps * stamp_ns / 1e9
         arc = v_mps / wz_radps
         trail.append((stamp_ns, arc * math.sin(yaw), arc * (1.0 - math.cos(yaw)), yaw))
-    odometry = Odometry(*trail[-1][1:], stamp_ns=end_ns, trail=tuple(trail))
-    clock = SweepClock(end_ns, SWEEP_NS / SAMPLES)
+    odometry = Odometry(*trail[-1][1:], stamp_ns=end_ns, clock=SteadyClock(4e7, end_ns), trail=tuple(trail))
+    clock = SteadyClock(SWEEP_NS / SAMPLES, end_ns)
     points, pose, at_ns = deskewed(skewed_sweep(place, v_mps, wz_radps, end_ns), clock, odometry, LIDAR)
     assert at_ns == end_ns
     assert pose == pytest.approx(trail[-1][1:])
@@ -92,17 +93,30 @@ def test_a_sweep_is_seen_as_from_one_place_however_the_robot_moved(v_mps, wz_rad
     sample_ns=st.floats(300_000.0, 600_000.0),
 )
 def test_the_end_of_a_sweep_is_known_better_than_its_bytes_come(late_ns, sample_ns):
-    clock, count = SweepClock(), 360
+    clock, count = SteadyClock(SAMPLE_NS), 360
     for k, late in enumerate(late_ns):
         clock = clock.after(round((k + 1) * count * sample_ns) + late, count)
     true_ns = len(late_ns) * count * sample_ns
     assert min(late_ns) - 2_000_000 <= clock.end_ns - true_ns <= max(late_ns) + 1
-    assert clock.sample_ns == pytest.approx(sample_ns, rel=0.05)
+    assert clock.period_ns == pytest.approx(sample_ns, rel=0.05)
 
 
-def test_the_sweep_clock_begins_anew_after_a_gap():
-    clock = SweepClock().after(1_000_000_000, 360).after(1_180_000_000, 360)
-    assert clock.after(9_000_000_000, 360).end_ns == 9_000_000_000
+def test_a_reader_that_slept_still_knows_when_sweeps_ended():
+    clock, period_ns = SteadyClock(SAMPLE_NS), 180_000_000
+    for k in range(20):
+        clock = clock.after(k * period_ns, 360)
+    woken_ns = 20 * period_ns + 300_000_000  # the sweep of then, and the next, are read at once
+    clock = clock.after(woken_ns, 360)
+    assert abs(clock.end_ns - 20 * period_ns) < 5_000_000
+    assert abs(clock.after(woken_ns, 360).end_ns - 21 * period_ns) < 5_000_000
+
+
+def test_after_a_gap_the_clock_believes_what_it_reads():
+    clock, stamp_ns = SteadyClock(SAMPLE_NS), 0
+    for k in range(30):
+        stamp_ns = k * 180_000_000 + 9_000_000_000 * (k >= 20)
+        clock = clock.after(stamp_ns, 360)
+    assert abs(clock.end_ns - stamp_ns) < 5_000_000
 
 
 @given(steps=st.lists(st.tuples(st.integers(-20, 20), st.integers(-60, 60)), min_size=1, max_size=40))

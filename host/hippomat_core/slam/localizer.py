@@ -25,7 +25,7 @@ from hippomat_core.slam.tracking import Estimate, at_start, carried_on, correcte
 
 CHECKING, LOCALIZED, LOST = "checking", "localized", "lost"
 AGREEING = 3  # scans in a row must fit before a pose is believed
-CHECK_NS = 2_000_000_000  # a pose that is not believed by then is given up
+CHECKS = 10  # sweeps; a pose that is not believed by then is given up
 RETRY_NS = 2_000_000_000  # after a search without a result
 START_SIGMA = (0.1, math.radians(5.0))  # how a person puts a robot on its mark
 FOUND_SIGMA = (0.1, math.radians(3.0))
@@ -78,7 +78,8 @@ class Localizer:
     estimate: Estimate | None = None  # at the last sweep
     odom: Pose = IDENTITY  # there, too
     fit: ScanFit = NO_FIT  # and how it fitted
-    agreeing: int = 0
+    compared: int = 0  # sweeps since this pose was taken up
+    agreeing: int = 0  # of them, in a row
     doubtful_ns: int = NEVER  # since when sweeps do not fit
     hunt: Hunt | None = None
 
@@ -106,7 +107,7 @@ def first_localizer(
 
 def on_new_map(localizer: Localizer, saved: SavedMap, now_ns: int) -> Localizer:
     """The map changed and kept its frame: the pose stays, and has to fit anew."""
-    localizer = replace(localizer, saved=saved, hunt=None, agreeing=0, doubtful_ns=NEVER)
+    localizer = replace(localizer, saved=saved, hunt=None, compared=0, agreeing=0, doubtful_ns=NEVER)
     if not localizer.localized:
         return localizer
     return replace(
@@ -126,7 +127,7 @@ def with_sweep(localizer: Localizer, seen: Seen, stamp_ns: int) -> Localizer:
     if localizer.phase == CHECKING:
         if localizer.agreeing >= AGREEING:
             return replace(localizer, phase=LOCALIZED, phase_ns=stamp_ns, why="")
-        if stamp_ns - localizer.phase_ns > CHECK_NS:
+        if localizer.compared >= CHECKS:
             return _lost(localizer, stamp_ns, _misfit(localizer, "the scan does not fit the map here"))
         return localizer
     if not fits and stamp_ns - localizer.doubtful_ns > localizer.config.lost_after_s * 1e9:
@@ -151,6 +152,7 @@ def _followed(localizer: Localizer, seen: Seen, stamp_ns: int) -> Localizer:
     predicted = carried_on(localizer.estimate, localizer.odom, seen.odom, localizer.config)
     doubtful = localizer.doubtful_ns != NEVER
     found = match(localizer.saved.field, seen.points, predicted.pose, _window(predicted, doubtful))
+    localizer = replace(localizer, compared=localizer.compared + 1)
     estimate = corrected(predicted, found)
     fit = _fit(localizer, seen, estimate.pose)
     if fit.score < localizer.config.score_min:
@@ -241,6 +243,7 @@ def _judged(localizer: Localizer, hunt: Hunt, now_ns: int) -> Localizer:
         estimate=estimate,
         odom=hunt.seen.odom,
         doubtful_ns=NEVER,
+        compared=0,
         agreeing=0,
         hunt=None,
     )

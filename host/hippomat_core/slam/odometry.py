@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.messages import BaseFeedback
+from hippomat_core.slam.steady_clock import SteadyClock
 
 JUMP_M = 0.5  # more than this between two frames (40 ms): the base restarted its counters
 JUMP_RAD = 0.5  # the same of its heading, beyond what can be turned meanwhile
 FASTEST_RADPS = 10.0  # [limits] turn_radps goes no higher
 SPEED_WINDOW_NS = 100_000_000
 TRAIL_NS = 500_000_000  # of past poses are kept: a sweep takes 0.1 .. 0.2 s and is read a little later
+FRAME_NS = 40_000_000.0  # between two frames of the base
 AHEAD_NS = 80_000_000  # frames are 40 ms apart: the speed of the last one is believed for two
 
 Trail = tuple[tuple[int, float, float, float], ...]  # stamp_ns, x [m], y [m], yaw [rad] without wrapping
@@ -38,6 +40,7 @@ class Odometry:
     stamp_ns: int = 0
     window: tuple[int, float, float] = (0, 0.0, 0.0)  # since when, driven [m], turned [rad]
     jumps: int = 0
+    clock: SteadyClock = SteadyClock(FRAME_NS)  # noqa: RUF009  # frozen
     trail: Trail = ()  # oldest first; the last one is the pose itself
 
     @property
@@ -67,9 +70,10 @@ class Odometry:
 def moved(odometry: Odometry, feedback: BaseFeedback) -> Odometry:
     """The pose after one frame of the base; a jump of its counters moves nothing and is counted."""
     raw = (feedback.odom_x_mm, feedback.odom_y_mm, feedback.odom_yaw_mrad)
+    odometry = replace(odometry, clock=odometry.clock.after(feedback.stamp_ns))
     if odometry.last is None:
         begun = replace(odometry, last=raw, stamp_ns=feedback.stamp_ns, window=(feedback.stamp_ns, 0.0, 0.0))
-        return replace(begun, trail=((feedback.stamp_ns, *odometry.pose),))
+        return replace(begun, trail=((odometry.clock.end_ns, *odometry.pose),))
     east_m = _wrapped(raw[0] - odometry.last[0]) / 1000.0
     north_m = _wrapped(raw[1] - odometry.last[1]) / 1000.0
     turned_rad = math.remainder(_wrapped(raw[2] - odometry.last[2]) / 1000.0, math.tau)
@@ -91,7 +95,7 @@ def moved(odometry: Odometry, feedback: BaseFeedback) -> Odometry:
         yaw_rad=math.remainder(yaw + turned_rad, math.tau),
         last=raw,
         stamp_ns=feedback.stamp_ns,
-        trail=_longer(odometry, (feedback.stamp_ns, x_m, y_m, turned_rad)),
+        trail=_longer(odometry, (odometry.clock.end_ns, x_m, y_m, turned_rad)),
     )
 
 
@@ -99,7 +103,7 @@ def _longer(odometry: Odometry, newest: tuple[int, float, float, float]) -> Trai
     """The trail with one more pose, whose last entry is the turn since the one before."""
     stamp_ns, x_m, y_m, turned_rad = newest
     before_rad = odometry.trail[-1][3] if odometry.trail else odometry.yaw_rad
-    recent = tuple(pose for pose in odometry.trail if stamp_ns - pose[0] <= TRAIL_NS)
+    recent = tuple(pose for pose in odometry.trail if 0 < stamp_ns - pose[0] <= TRAIL_NS)
     return (*recent, (stamp_ns, x_m, y_m, before_rad + turned_rad))
 
 

@@ -66,16 +66,16 @@ def carried_on(estimate: Estimate, before: Pose, now: Pose, config: SlamConfig) 
 
 
 def corrected(predicted: Estimate, found: Match) -> Estimate:
-    """With a match, each in proportion to what it knows; a match far from all odometry replaces the pose."""
+    """With a match, each in proportion to what it knows.
+
+    A match that the odometry cannot explain is believed where it knows something: wheels slip, walls do not.
+    """
     noise = np.linalg.inv(found.information)
     prior = predicted.covariance + np.diag(np.square(SCAN_SIGMA))
     off = found.pose - np.array(predicted.pose)
     off[2] = math.remainder(off[2], math.tau)
-    gain_of = np.linalg.inv(prior + noise)
-    if float(off @ gain_of @ off) > GATE:
-        x, y, yaw = found.pose.tolist()
-        return Estimate((x, y, yaw), np.asarray(noise, np.float64))
-    gain = np.asarray(prior @ gain_of, np.float64)
+    prior = prior * max(float(off @ np.linalg.solve(prior + noise, off)) / GATE, 1.0)
+    gain = np.asarray(prior @ np.linalg.inv(prior + noise), np.float64)
     x, y, yaw = (np.array(predicted.pose) + gain @ off).tolist()
     left = np.eye(3) - gain
     covariance = left @ prior @ left.T + gain @ noise @ gain.T
