@@ -1,7 +1,7 @@
 """When did a device measure what we read late? It measures evenly; its bytes are read after a varying while.
 
-So the moments are tracked, as a clock with a rate, rather than believed: an early reading is believed whole, a
-late one a little. A process that slept for a third of a second still knows when each sweep ended.
+So the moments are tracked, as a clock with a rate, rather than believed: an early reading is believed whole,
+a late one a little. A process that slept for a third of a second still knows when each sweep ended.
 """
 
 from __future__ import annotations
