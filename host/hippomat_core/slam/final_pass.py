@@ -43,7 +43,7 @@ def final_pass(
     settings = settings or FinalSettings()
     total = settings.rounds * len(graph)
     for done in range(settings.rounds):
-        found = []
+        found: list[Links] = []
         for keyframe in range(len(graph)):
             found += _links_to(graph, keyframe, mapper, settings)
             if progress:

@@ -1,6 +1,6 @@
-"""The poses that agree best with all links: Levenberg-Marquardt on a pose graph, by GTSAM (Dellaert, Kaess 2017).
+"""The poses that agree best with all links: Levenberg-Marquardt on a pose graph, by GTSAM.
 
-GTSAM is an extra and is loaded when first needed. Knows poses and links, no scans.
+GTSAM (Dellaert, Kaess 2017) is an extra and is loaded when first needed. Knows poses and links, no scans.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Notice that the robot is where it was before, and make the map agree. For a worker: takes its time, is pure.
+"""Notice that the robot is where it was before, and make the map agree. For a worker: slow, and pure.
 
 Each new keyframe is matched with the keyframes around it that are not its own recent past. Matches that fit
 become loop links, and all poses are solved for again. Knows a snapshot of the graph; the robot drives on
@@ -26,6 +26,7 @@ from hippomat_core.slam.solution import Solution
 class LoopSettings:
     """When a match closes a loop."""
 
+    every: int = 20  # keyframes
     reach_m: float = 3.0  # how far the robot may believe to be from where it is
     gap: int = 30  # keyframes nearer in time are matched by the front end
     beside: int = 6  # keyframes before and after a place that a scan is matched with
@@ -36,10 +37,15 @@ class LoopSettings:
     largest_sigma_m: float = 0.1  # along a bare corridor a match tells nothing
 
 
+def is_due(graph: PoseGraph, settings: LoopSettings | None = None) -> bool:
+    """True when enough keyframes came since loops were looked for."""
+    return len(graph) - graph.searched >= (settings or LoopSettings()).every
+
+
 def close_loops(
     graph: PoseGraph, epoch: int, mapper: MapperSettings, settings: LoopSettings | None = None
 ) -> Solution:
-    """The graph's poses with the loops closed that end in keyframes not searched yet; `epoch` is the map's now."""
+    """The graph with the loops closed that end in keyframes not searched yet; `epoch` is the map's now."""
     settings = settings or LoopSettings()
     found = [graph.loops]
     for second in range(graph.searched, len(graph)):

@@ -2,8 +2,8 @@
 
 A value: `with_scan` gives the next mapper and leaves this one as it was. Each scan is matched with a field of
 the last keyframes; a scan far enough from the last keyframe becomes the next one. Loops are closed elsewhere
-(loop_closing) on a snapshot, and `with_solution` takes the result: nothing here takes longer than one match and
-one field. Knows no clock and no thread.
+(loop_closing) on a snapshot, and `with_solution` takes the result: nothing here takes longer than a match
+and a field. Knows no clock and no thread.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ class Mapper:
 
 
 def empty_mapper(settings: MapperSettings | None = None, pose: NDArray[np.float64] | None = None) -> Mapper:
-    """A mapper that has seen nothing; the first scan is taken at `pose` (3,) of the map frame, default 0, 0, 0."""
+    """A mapper that has seen nothing; its first scan is taken at `pose` (3,) of the map frame."""
     settings = settings or MapperSettings()
     start = np.zeros(3) if pose is None else pose
     return Mapper(settings, EMPTY_GRAPH, no_evidence(settings.resolution_m), start, None)

@@ -44,4 +44,5 @@ def turned_information(information: NDArray[np.float64], yaw_rad: float) -> NDAr
     """An information matrix (3, 3) of x, y, yaw, with x and y along axes turned by yaw_rad."""
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return axes @ information @ axes.T
+    turned: NDArray[np.float64] = axes @ information @ axes.T
+    return turned

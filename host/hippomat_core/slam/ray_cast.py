@@ -34,7 +34,7 @@ class Evidence:
     low: int
 
     def grid(self) -> OccupancyGrid:
-        """The map to save: occupied, free, and unknown where the evidence is too thin or contradicts itself."""
+        """The map to save: occupied, free, and unknown where evidence is thin or contradicts itself."""
         cells = np.full(self.log_odds.shape, UNKNOWN, np.int8)
         cells[self.log_odds >= OCCUPIED_FROM] = OCCUPIED
         cells[self.log_odds <= FREE_TO] = FREE

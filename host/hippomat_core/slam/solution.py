@@ -1,4 +1,4 @@
-"""What closing loops gives: all poses, all loop links and the map cast again. A value that can be recorded."""
+"""What closing loops gives: all poses, all loop links, the map cast again. A value that can be recorded."""
 
 from __future__ import annotations
 

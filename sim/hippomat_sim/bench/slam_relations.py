@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.errors import ConfigError
-from hippomat_core.slam.poses import seen_from, wrapped
+from hippomat_core.slam.poses import seen_from
+from hippomat_sim.bench.slam_trajectory import Trajectory, apart_from_nearest
 
 NEAR_S = 1e-3
 
@@ -50,33 +51,20 @@ def read_relations(path: Path) -> Relations:
     return Relations(rows[:, :2], rows[:, [2, 3, 7]])
 
 
-def relation_errors(
-    relations: Relations, stamps_s: NDArray[np.float64], poses: NDArray[np.float64]
-) -> tuple[RelationErrors, RelationErrors]:
-    """Over all relations within the stamps' time, and over those with both ends within NEAR_S of a stamp.
-
-    stamps_s: (m,) ascending; poses: (m, 3) x [m], y [m], yaw [rad]. Between stamps poses are interpolated.
-    """
-    times = relations.times_s
-    covered = ((times >= stamps_s[0] - NEAR_S) & (times <= stamps_s[-1] + NEAR_S)).all(axis=1)
-    found = seen_from(_at(times[:, 0], stamps_s, poses), _at(times[:, 1], stamps_s, poses))
-    off = seen_from(relations.motions, found)
-    apart_m, turned_deg = np.hypot(off[:, 0], off[:, 1]), np.abs(np.rad2deg(wrapped(off[:, 2])))
-    near = covered & (_to_nearest(times, stamps_s) <= NEAR_S).all(axis=1)
-    return _errors(apart_m[covered], turned_deg[covered]), _errors(apart_m[near], turned_deg[near])
+def at_scans(relations: Relations, scan_stamps_s: NDArray[np.float64]) -> Relations:
+    """Those with both ends within NEAR_S of a scan (stamps ascending): no interpolation enters."""
+    near = (apart_from_nearest(relations.times_s, scan_stamps_s) <= NEAR_S).all(axis=1)
+    return Relations(relations.times_s[near], relations.motions[near])
 
 
-def _at(
-    times_s: NDArray[np.float64], stamps_s: NDArray[np.float64], poses: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    yaw = np.unwrap(poses[:, 2])
-    columns = [np.interp(times_s, stamps_s, column) for column in (poses[:, 0], poses[:, 1], yaw)]
-    return np.stack(columns, axis=1)
-
-
-def _to_nearest(times_s: NDArray[np.float64], stamps_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    after = np.clip(np.searchsorted(stamps_s, times_s), 1, len(stamps_s) - 1)
-    return np.minimum(np.abs(times_s - stamps_s[after]), np.abs(times_s - stamps_s[after - 1]))
+def relation_errors(relations: Relations, trajectory: Trajectory) -> RelationErrors:
+    """Over the relations within the trajectory's time."""
+    times_s = relations.times_s
+    first_s, last_s = trajectory.stamps_s[0] - NEAR_S, trajectory.stamps_s[-1] + NEAR_S
+    covered = ((times_s >= first_s) & (times_s <= last_s)).all(axis=1)
+    found = seen_from(trajectory.at(times_s[:, 0]), trajectory.at(times_s[:, 1]))
+    off = seen_from(relations.motions, found)[covered]
+    return _errors(np.hypot(off[:, 0], off[:, 1]), np.abs(np.rad2deg(off[:, 2])))
 
 
 def _errors(apart_m: NDArray[np.float64], turned_deg: NDArray[np.float64]) -> RelationErrors:

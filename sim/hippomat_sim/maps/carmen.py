@@ -31,18 +31,35 @@ class CarmenScan:
     pose: NDArray[np.float64]  # (3,) x [m], y [m], yaw [rad] as the log has it
 
 
-def read_carmen(path: Path) -> list[CarmenScan]:
-    """The scans of a .log or .log.gz, in file order; ConfigError names the file and the line."""
-    scans = []
+@dataclass(frozen=True, slots=True, eq=False)
+class CarmenLog:
+    """The scans, and every stamped pose (FLASER and ODOM lines), in file order."""
+
+    scans: tuple[CarmenScan, ...]
+    stamps_s: NDArray[np.float64]  # (m,) logger time; neither sorted nor unique in real logs
+    poses: NDArray[np.float64]  # (m, 3) x [m], y [m], yaw [rad]
+    of_scan: NDArray[np.bool_]  # (m,) True for FLASER lines
+
+
+def read_carmen(path: Path) -> CarmenLog:
+    """A .log or .log.gz; ConfigError names file and line. ODOM lines without a stamp (0) are skipped."""
+    scans: list[CarmenScan] = []
+    rows: list[tuple[float, ...]] = []
     for number, line in enumerate(_lines(path), 1):
-        if line.startswith("FLASER "):
-            try:
+        try:
+            if line.startswith("FLASER "):
                 scans.append(_scan(line))
-            except ValueError as error:
-                raise ConfigError(f"log {path}, line {number}: {error}") from None
+                rows.append((1.0, scans[-1].stamp_s, *scans[-1].pose))
+            elif line.startswith("ODOM "):
+                words = line.split()
+                rows.append((0.0, float(words[-1]), *map(float, words[1:4])))
+        except (ValueError, IndexError) as error:
+            raise ConfigError(f"log {path}, line {number}: {error}") from None
     if not scans:
         raise ConfigError(f"log {path}: has no FLASER line; a CARMEN log is needed")
-    return scans
+    table = np.array(rows)
+    table = table[(table[:, 0] == 1.0) | (table[:, 1] > 0.0)]
+    return CarmenLog(tuple(scans), table[:, 1], table[:, 2:], table[:, 0] == 1.0)
 
 
 def _lines(path: Path) -> Iterator[str]:
