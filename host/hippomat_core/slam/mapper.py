@@ -9,6 +9,7 @@ and a field. Knows no clock and no thread.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.slam.likelihood_field import SIGMA_M, LikelihoodField, field_of_points
 from hippomat_core.slam.matcher import Match, Search, match
 from hippomat_core.slam.pose_graph import EMPTY_GRAPH, Keyframe, PoseGraph
-from hippomat_core.slam.poses import composed, placed, seen_from, turned_information
+from hippomat_core.slam.poses import composed, placed_together, seen_from, turned_information
 from hippomat_core.slam.ray_cast import Evidence, Lidar, no_evidence, with_scans
 from hippomat_core.slam.solution import Solution
 
@@ -151,14 +152,18 @@ def empty_mapper(settings: MapperSettings | None = None, pose: NDArray[np.float6
 def _local_field(graph: PoseGraph, settings: MapperSettings) -> LikelihoodField:
     """The field of the last keyframes, in the map frame."""
     first = max(len(graph) - settings.window, 0)
-    reach_m = settings.lidar.max_range_m
-    clouds = [
-        placed(near(frame.points, reach_m), pose)
-        for frame, pose in zip(graph.keyframes[first:], graph.poses[first:], strict=True)
-    ]
-    return field_of_points(np.concatenate(clouds), settings.resolution_m, settings.sigma_m)
+    return surroundings(graph.keyframes[first:], graph.poses[first:], settings)
+
+
+def surroundings(
+    keyframes: Sequence[Keyframe], poses: NDArray[np.float64], settings: MapperSettings
+) -> LikelihoodField:
+    """The field of these keyframes at these poses (k, 3), in the poses' frame; far returns are left out."""
+    clouds = [near(frame.points, settings.lidar.max_range_m) for frame in keyframes]
+    return field_of_points(placed_together(clouds, poses), settings.resolution_m, settings.sigma_m)
 
 
 def near(points: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
     """Those of the points (n, 2) that are within reach."""
-    return points[points[:, 0] ** 2 + points[:, 1] ** 2 <= reach_m**2]
+    near_by: NDArray[np.float64] = points[(points * points).sum(axis=1) <= reach_m**2]
+    return near_by

@@ -8,11 +8,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hippomat_core.slam.likelihood_field import field_of_points
-from hippomat_core.slam.mapper import MapperSettings, near
+from hippomat_core.slam.mapper import MapperSettings, surroundings
 from hippomat_core.slam.matcher import Match, Search, match
 from hippomat_core.slam.pose_graph import Links, PoseGraph
-from hippomat_core.slam.poses import placed, seen_from, turned_information
+from hippomat_core.slam.poses import seen_from, turned_information
 
 
 def places_near(
@@ -32,14 +31,10 @@ def match_at(
     graph: PoseGraph, place: int, keyframe: int, beside: int, search: Search, mapper: MapperSettings
 ) -> Match:
     """The keyframe matched with those within `beside` of the place, itself left out; frame of the place."""
-    around = range(max(place - beside, 0), min(place + beside + 1, len(graph)))
-    reach_m = mapper.lidar.max_range_m
-    clouds = [
-        placed(near(graph.keyframes[k].points, reach_m), seen_from(graph.poses[place], graph.poses[k]))
-        for k in around
-        if k != keyframe
-    ]
-    field = field_of_points(np.concatenate(clouds), mapper.resolution_m, mapper.sigma_m)
+    first, end = max(place - beside, 0), min(place + beside + 1, len(graph))
+    around = [k for k in range(first, end) if k != keyframe]
+    poses = seen_from(graph.poses[place], graph.poses[around])
+    field = surroundings([graph.keyframes[k] for k in around], poses, mapper)
     guess = seen_from(graph.poses[place], graph.poses[keyframe])
     return match(field, graph.keyframes[keyframe].points, guess, search)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +39,15 @@ def placed(points: NDArray[np.float64], pose: ArrayLike) -> NDArray[np.float64]:
     east = x + c * points[:, 0] - s * points[:, 1]
     north = y + s * points[:, 0] + c * points[:, 1]
     return np.stack([east, north], axis=1)
+
+
+def placed_together(clouds: Sequence[NDArray[np.float64]], poses: ArrayLike) -> NDArray[np.float64]:
+    """All points of the clouds, each (n, 2) in the frame at its pose of poses (k, 3), in the poses' frame."""
+    sizes = [len(points) for points in clouds]
+    x, y, yaw = np.repeat(np.asarray(poses, np.float64), sizes, axis=0).T
+    ahead, left = np.concatenate(list(clouds)).T
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.stack([x + c * ahead - s * left, y + s * ahead + c * left], axis=1)
 
 
 def turned_information(information: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
