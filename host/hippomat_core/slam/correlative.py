@@ -39,14 +39,13 @@ def search_poses(
     for turn in range(turns):
         _place(points, guess, guess[2] + (turn - half_turns) * turn_rad, half_cells, corner[turn])
         _add_bounds(blocks, corner[turn], bounds[turn])
-    order = np.argsort(-bounds.ravel(), kind="mergesort")  # stable, so equal bounds keep their order
-    best_x, best_y, best_turn, best, nearest = 0, 0, 0, 0, -1
     scores = np.empty((BLOCK, BLOCK), np.int32)
-    for k in range(order.size):
-        turn, place = order[k] // (side * side), order[k] % (side * side)
-        bound = bounds.ravel()[order[k]]
-        if bound == 0 or bound < best:
+    flat = bounds.ravel()
+    best_x, best_y, best_turn, best, nearest = 0, 0, 0, 0, -1
+    for block in _promising(levels, corner, flat, side, scores):
+        if flat[block] < best:
             break
+        turn, place = block // (side * side), block % (side * side)
         first_x, first_y = (place % side) * BLOCK, (place // side) * BLOCK
         _score_block(levels, corner[turn], first_x, first_y, scores)
         for by in range(min(BLOCK, 2 * half_cells + 1 - first_y)):
@@ -57,6 +56,22 @@ def search_poses(
                 if score > best or (score == best and 0 <= away < nearest):
                     best_x, best_y, best_turn, best, nearest = dx, dy, dturn, score, away
     return best_x, best_y, best_turn, best
+
+
+@njit(cache=True, nogil=True)
+def _promising(
+    levels: NDArray[np.uint8],
+    corner: NDArray[np.int32],
+    bounds: NDArray[np.int32],
+    side: int,
+    scores: NDArray[np.int32],
+) -> NDArray[np.int64]:
+    """The blocks that may hold the best pose, highest bound first: those that reach what a known pose scores."""
+    first = int(np.argmax(bounds))
+    place = first % (side * side)
+    _score_block(levels, corner[first // (side * side)], place % side * BLOCK, place // side * BLOCK, scores)
+    blocks = np.flatnonzero(bounds >= max(scores[0, 0], 1))  # others of the block may lie beyond the search
+    return blocks[np.argsort(-bounds[blocks], kind="mergesort")]  # stable, so equal bounds keep their order
 
 
 @njit(cache=True, nogil=True)
