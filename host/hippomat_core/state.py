@@ -19,6 +19,7 @@ from hippomat_core.fleet.progress import Progress
 from hippomat_core.fleet.radio_health import RadioHealth
 from hippomat_core.fleet.state import FleetState
 from hippomat_core.planning.ground import Fields, Ground
+from hippomat_core.ros.feed import RosFeed
 from hippomat_core.slam.odometry import Odometry
 from hippomat_core.wire.frames import FLAG_STOPPED, LAST_STOP, Header, StateFrame
 
@@ -27,7 +28,7 @@ NEVER = -(10**18)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """The latest sweep's returns in the base frame, and the pose (map frame) they were taken at.
+    """The latest sweep's returns in the base frame, and the pose (State.steady_pose) they were taken at.
 
     With them, points of earlier sweeps that the robot came too near to for the lidar to see them still.
     """
@@ -82,6 +83,7 @@ class State:
     odometry: Odometry
     started_ns: int = NEVER
     ports: tuple[bool, bool, bool] = (False, False, False)  # radio, base, lidar
+    ros: RosFeed = field(default_factory=RosFeed)
     radio: RadioHealth = field(default_factory=RadioHealth)
     radio_heard_ns: int = NEVER  # its last status
     ground: Ground | None = None
@@ -101,8 +103,25 @@ class State:
         return self.config.robot.id < 0
 
     @property
+    def external_pose(self) -> tuple[float, float, float] | None:
+        """Where a localization outside says the robot is; faults.py judges its age."""
+        return self.ros.pose if self.config.ros.localizes else None
+
+    @property
     def pose(self) -> tuple[float, float, float]:
-        return self.odometry.x_m, self.odometry.y_m, self.odometry.yaw_rad
+        return self.external_pose or (self.odometry.x_m, self.odometry.y_m, self.odometry.yaw_rad)
+
+    @property
+    def steady_pose(self) -> tuple[float, float, float]:
+        """A pose that drifts but never jumps: what lies between two scans and the guard."""
+        return self.pose if self.external_pose is None else self.ros.odom
+
+    @property
+    def velocity(self) -> tuple[float, float]:
+        """Measured (v [m/s], wz [rad/s]), base frame."""
+        if self.external_pose is not None:
+            return self.ros.velocity
+        return self.odometry.v_mps, self.odometry.wz_radps
 
 
 def initial_state(config: Config, policy: bytes | None = None) -> State:

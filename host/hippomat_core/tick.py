@@ -32,8 +32,8 @@ def tick(state: State, event: Tick) -> Stepped:
     state = round_without_radio(state, now_ns, allowed, effects)
     if not state.observes and state.ports[BASE]:
         state = _drive(state, now_ns, allowed, effects)
-        odometry = state.odometry
-        effects.append(PoseEstimated(*state.pose, odometry.v_mps, odometry.wz_radps, "odometry"))
+        source = "odometry" if state.external_pose is None else "ros"
+        effects.append(PoseEstimated(*state.pose, *state.velocity, source))
     return state, tuple(effects)
 
 
@@ -46,8 +46,8 @@ def _drive(state: State, now_ns: int, allowed: Permissions, effects: list[Effect
         code = next((code for code, _ in state.faults if BY_CODE[code].stops), "no_map")
         effects.append(Drive(0.0, 0.0, f"stop:{code}"))
         return replace(state, navigator=standing, outcome=None, held=False)
-    odometry, claim = state.odometry, state.fleet.own_claim
-    motion = Motion(*state.pose, odometry.v_mps, odometry.wz_radps)
+    claim = state.fleet.own_claim
+    motion = Motion(*state.pose, *state.velocity)
     peers = peers_in_the_way(state, now_ns)
     navigator, outcome = navigate(
         state.navigator,
@@ -81,7 +81,7 @@ def peers_in_the_way(state: State, now_ns: int) -> list[PeerMotion]:
 def _seen(state: State) -> NDArray[np.float64]:
     """The latest scan, moved along with the robot."""
     scan = state.scan
-    return NO_POINTS if scan is None else carried_along(scan.points, scan.pose, state.pose)
+    return NO_POINTS if scan is None else carried_along(scan.points, scan.pose, state.steady_pose)
 
 
 def _discs(state: State, peers: list[PeerMotion]) -> NDArray[np.float64]:
