@@ -184,7 +184,7 @@ def _own_inputs(
         x_cm=_centimetres(x_m),
         y_cm=_centimetres(y_m),
         yaw_256=round(yaw_rad / math.tau * 256) % 256,
-        speed_2cmps=min(round(abs(state.odometry.v_mps) * 50), 255),
+        speed_2cmps=min(round(abs(state.velocity[0]) * 50), 255),
         status=IDLE if localized else LOST,
         flags=flags,
         intent=_intent(state),
@@ -203,5 +203,5 @@ def _intent(state: State) -> Intent:
     if state.ground is None:
         return Intent()
     grid = state.ground.costmap.grid
-    ix, iy = grid.cell_of(state.odometry.x_m, state.odometry.y_m)
+    ix, iy = grid.cell_of(*state.pose[:2])
     return Intent(min(max(ix, 0), grid.width - 1), min(max(iy, 0), grid.height - 1))

@@ -44,6 +44,8 @@ examples:
   hippomat-host --port /dev/ttyACM0 --base /dev/ttyACM1 --lidar /dev/ttyUSB0 \\
                 --map lab.yaml --robot 3 --start 1.0,0.5,0
       be robot 3
+  hippomat-host --port /dev/ttyACM0 --ros ws://localhost:9090 --robot 3
+      be robot 3 on a robot that runs ROS: map, pose, lidar and base are ROS's
 
 Ports that are not given default to /dev/hippomat-radio, /dev/hippomat-base and /dev/hippomat-lidar where udev
 rules have made them. Ctrl-C (SIGINT), SIGTERM and SIGHUP stop the motors first and then finish the log.
@@ -79,6 +81,11 @@ def parser() -> Parser:
     ports.add_argument("--port", metavar="DEV", help="the radio (ESP32-S3)")
     ports.add_argument("--base", metavar="DEV", help="the base: motors, encoders, IMU")
     ports.add_argument("--lidar", metavar="DEV", help="the lidar (RPLIDAR A1)")
+    ports.add_argument(
+        "--ros",
+        metavar="URL",
+        help="rosbridge, ws://HOST:9090: the map, pose, lidar and base that have no option here are ROS's",
+    )
     robot = options.add_argument_group("robot and fleet")
     robot.add_argument("--config", metavar="FILE", help="settings (TOML); command-line options win over it")
     robot.add_argument(
@@ -123,6 +130,10 @@ def config_of(args: argparse.Namespace) -> Config:
         tree["log"] |= {"directory": args.log, "enabled": True}
     if args.no_log:
         tree["log"]["enabled"] = False
+    if args.ros is not None:
+        tree["ros"]["url"] = args.ros
+    for role in ("base", "lidar", "map"):
+        tree["ros"][role] &= not getattr(args, role)
     config = config_from_dict(tree, args.config or "command line")
     if args.policy is not None:
         _check_policy(args.policy, config.fleet.allocator)
@@ -143,14 +154,17 @@ def given_of(args: argparse.Namespace, config: Config) -> Given:
     """What there is to work with; raises UsageError where there is no radio at all."""
     paths = {}
     for port, stable, value in zip((RADIO, BASE, LIDAR), STABLE_NAMES, _flags(args), strict=True):
-        paths[port] = value or (stable if os.path.exists(stable) else "")
+        with_ros = config.ros.url and port != RADIO  # its drivers own those devices
+        paths[port] = value or (stable if os.path.exists(stable) and not with_ros else "")
     if not paths[RADIO]:
         raise UsageError(f"--port is missing: the radio's serial port; {existing_ports()}")
     _check_distinct(paths)
     robot = config.robot
     start = f"{robot.start_x_m:g},{robot.start_y_m:g},{robot.start_yaw_rad:g}" if robot.start_known else ""
     return Given(
-        *(paths[RADIO], paths[BASE], paths[LIDAR]), args.config or "", args.map or "", config.robot.id, start
+        *(paths[RADIO], paths[BASE], paths[LIDAR]),
+        *(args.config or "", args.map or "", config.robot.id, start),
+        config.ros,
     )
 
 

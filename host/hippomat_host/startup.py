@@ -26,6 +26,7 @@ from hippomat_host.guard_link import GuardLink
 from hippomat_host.links import Link, SerialLink
 from hippomat_host.lockstep import LockstepReactor
 from hippomat_host.reactor import Reactor, RealReactor, StopSignal
+from hippomat_host.ros.links import FeedLink, RosBaseLink
 from hippomat_host.screen import Screen, screen_for
 from hippomat_host.warm_up import prepare_allocator
 from hippomat_logs.manifest import new_session_id, run_manifest
@@ -86,8 +87,12 @@ def make_links(config: Config, given: Given) -> list[Link]:
     links: list[Link] = [SerialLink(RADIO, given.radio, hello, check)]
     if given.base:
         links.append(GuardLink(given.base, hello, check))
+    elif config.ros.drives and config.robot.id >= 0:  # an observer drives nothing
+        links.append(RosBaseLink(config.ros))
     if given.lidar:
         links.append(SerialLink(LIDAR, given.lidar, hello, check))
+    if config.ros.url:
+        links.append(FeedLink(config.ros))
     return links
 
 
