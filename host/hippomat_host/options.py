@@ -132,8 +132,9 @@ def config_of(args: argparse.Namespace) -> Config:
         tree["log"]["enabled"] = False
     if args.ros is not None:
         tree["ros"]["url"] = args.ros
-    for role in ("base", "lidar", "map"):
-        tree["ros"][role] &= not getattr(args, role)
+    if tree["ros"]["url"]:
+        for role in ("base", "lidar", "map"):
+            tree["ros"][role] &= not getattr(args, role)
     config = config_from_dict(tree, args.config or "command line")
     if args.policy is not None:
         _check_policy(args.policy, config.fleet.allocator)
@@ -163,8 +164,11 @@ def given_of(args: argparse.Namespace, config: Config) -> Given:
     start = f"{robot.start_x_m:g},{robot.start_y_m:g},{robot.start_yaw_rad:g}" if robot.start_known else ""
     return Given(
         *(paths[RADIO], paths[BASE], paths[LIDAR]),
-        *(args.config or "", args.map or "", config.robot.id, start),
-        config.ros,
+        config=args.config or "",
+        map=args.map or "",
+        robot=config.robot.id,
+        start=start,
+        ros=config.ros,
     )
 
 

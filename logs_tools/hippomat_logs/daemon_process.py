@@ -59,7 +59,7 @@ def daemon_command(run: Run, directory: Path, paths: dict[int, str]) -> list[str
         if port in paths:
             command += [flag, paths[port]]
     command += ["--config", str(settings)]
-    grid = recorded_map(run)
+    grid = None if run.config.ros.maps else recorded_map(run)
     if grid is not None:
         save_map(grid, directory / "map.yaml")
         command += ["--map", str(directory / "map.yaml")]

@@ -50,7 +50,7 @@ class RosRobot(threading.Thread):
         ]
         self.process: subprocess.Popen[bytes] = None  # type: ignore[assignment]
         self.localizes = True
-        self.wall_m = 3.0  # all around
+        self.wall_m = 3.0  # radius of a round wall about where it started
         self.odom = [0.0, 0.0, 0.0]
         self._ended = threading.Event()
 
@@ -111,8 +111,14 @@ class RosRobot(threading.Thread):
 
     def _scan(self) -> LaserScanReceived:
         step = math.radians(1.0)
-        walls = np.full(360, self.wall_m, np.float32)
-        return LaserScanReceived(0, time.time_ns(), "laser", -math.pi, step, 0.0, 0.15, 12.0, walls)
+        x, y, yaw = self.odom
+        x, y = x + 0.05 * math.cos(yaw), y + 0.05 * math.sin(yaw)  # the lidar, which looks backwards
+        rays = yaw + step * np.arange(360)
+        along = x * np.cos(rays) + y * np.sin(rays)
+        walls = -along + np.sqrt(np.maximum(along**2 - (x * x + y * y - self.wall_m**2), 0.0))
+        return LaserScanReceived(
+            0, time.time_ns(), "laser", -math.pi, step, 0.0, 0.05, 12.0, walls.astype(np.float32)
+        )
 
     def close(self) -> None:
         self._ended.set()

@@ -35,6 +35,7 @@ class RosFeed:
     correction: Pose2 | None = None  # odom in map; None: they do not connect yet
     corrected_ns: int = 0  # when that was last said; FOREVER: it is fixed
     trail: tuple[Place, ...] = ()  # base in odom, oldest first
+    unplaced: int = 0  # scans in a row in a frame that is not known
     told: tuple[int, float, float] | None = None  # /odom: stamp_ns, v [m/s], wz [rad/s]
 
     @property
@@ -109,8 +110,9 @@ def with_scan(
 
     None where the lidar's frame is not known in the base frame.
     """
-    feed = replace(feed, clock=feed.clock.heard(event.stamp_ns, event.ros_ns))
     mount = feed.transforms.between(event.frame, base_frame)
+    clock = feed.clock.heard(event.stamp_ns, event.ros_ns)
+    feed = replace(feed, clock=clock, unplaced=0 if mount is not None else feed.unplaced + 1)
     points = None if mount is None else mount.flattened(scan_returns(event))
     return feed, points, feed.clock.taken_ns(event.stamp_ns, event.ros_ns)
 

@@ -25,6 +25,7 @@ from hippomat_core.ros.feed import RosFeed, with_odometry, with_scan, with_trans
 from hippomat_core.state import Scan, State
 
 NO_MOUNT = "scan_frame"
+PATIENCE_SCANS = 10
 Stepped = tuple[State, tuple[Effect, ...]]
 
 
@@ -115,8 +116,8 @@ def _with_lidar(state: State, is_open: bool) -> State:
 
 
 def _without_mount(state: State, event: LaserScanReceived) -> Stepped:
-    """A scan that cannot be placed is no scan: said once."""
-    if NO_MOUNT in state.alarms:
+    """A scan that cannot be placed is no scan: said once, and not of the first, before its transform."""
+    if NO_MOUNT in state.alarms or state.ros.unplaced < PATIENCE_SCANS:
         return state, ()
     text = (
         f"scans are in frame {event.frame!r}, which ROS's transforms do not tie to "

@@ -1,8 +1,8 @@
-"""The process that drives a base through ROS: velocities as /cmd_vel, behind the dead man's switch (deadman.py).
+"""The process that drives a base through ROS: velocities as /cmd_vel behind a dead man's switch (deadman.py).
 
 It repeats the daemon's velocity at a steady rate, and zeros when none came for 200 ms or the daemon is gone.
-What it cannot do: stop a robot that it does not reach. If rosbridge or the network fails, the base's own driver
-must stop by its time-out (docs/ros.md). A connection of its own, so that no map is ever in a command's way.
+What it cannot do: stop a robot that it does not reach. If rosbridge or the network fails, the base's own
+driver must stop by its time-out (docs/ros.md). Its connection is its own: no map is ever in a command's way.
 
     python -m hippomat_host.ros.base_guard CONFIG    stdin: socket to the daemon; stdout: reports, JSON lines
 """

@@ -93,7 +93,7 @@ def _silence(intake: Intake) -> list[str]:
         return ["connected, but nothing comes on any topic: is that a rosbridge, and are its nodes running?"]
     topics = ", ".join(silent)
     return [
-        f"nothing on {topics} for {SILENT_S:.0f} s: are the names right ([ros] ..._topic), is there a publisher?"
+        f"nothing on {topics} for {SILENT_S:.0f} s: are the names right ([ros] ..._topic), who publishes?"
     ]
 
 

@@ -7,46 +7,14 @@ kept: an arm's joints would fill the log. Stamps are set by the daemon.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from hippomat_core.config import RosConfig
 from hippomat_core.errors import MapError
 from hippomat_core.messages import Event, LaserScanReceived, TransformReceived
-from hippomat_logs.ros.dialect import MAP, ODOMETRY, SCAN, TF, Dialect, Undecodable, message_in, short_name
+from hippomat_logs.ros.dialect import Dialect, Undecodable, message_in
 from hippomat_logs.ros.events import events_of
-from hippomat_logs.ros.rosbridge import subscribe
-
-
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """One subscription."""
-
-    name: str
-    kind: str
-    latched: bool = False  # said once, to be had for ever
-    throttle_ms: int = 0
-    queue: int = 0
-
-    def request(self, encoding: str) -> dict[str, Any]:
-        return subscribe(self.name, short_name(self.kind), encoding, self.throttle_ms, self.queue)
-
-
-def topics_of(ros: RosConfig) -> list[Topic]:
-    """What the roles that ROS has here need.
-
-    /tf is not throttled: rosbridge throttles a topic, and each of its publishers says something else on it.
-    """
-    wanted: list[Topic] = []
-    if ros.map:
-        wanted.append(Topic(ros.map_topic, MAP, latched=True))
-    if ros.pose or ros.lidar:
-        wanted += [Topic(ros.tf_static_topic, TF, latched=True), Topic(ros.tf_topic, TF)]
-    if ros.lidar:
-        wanted.append(Topic(ros.scan_topic, SCAN, queue=1))
-    if ros.pose and ros.odom_topic:
-        wanted.append(Topic(ros.odom_topic, ODOMETRY, throttle_ms=40, queue=1))
-    return [topic for topic in wanted if topic.name]
+from hippomat_logs.ros.topics import Topic, topics_of
 
 
 class Intake:
@@ -91,9 +59,9 @@ class Intake:
                 yield event
                 yield from self._wanted(event.parent)
             return
-        if isinstance(event, LaserScanReceived):
-            yield from self._wanted(event.frame)
         yield event
+        if isinstance(event, LaserScanReceived):
+            yield from self._wanted(event.frame)  # behind it: a replay says it again in this order
 
     def _wanted(self, frame: str) -> Iterator[Event]:
         """From now on this frame's transform is of interest, and so are those above it."""

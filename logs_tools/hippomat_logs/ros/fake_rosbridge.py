@@ -41,13 +41,14 @@ class FakeRosbridge:
     """A server on a port of the loopback interface, as a context.
 
     ros: whose serialisation its bytes are (dialect.ROS1, ROS2)   knows_cbor: an old server does not
+    once: subscriptions are made once and not throttled, so that all that is said comes exactly once (replay)
     heard: what clients published, (monotonic [s], topic, message as JSON), in order
     """
 
-    def __init__(self, ros: int = ROS2, port: int = 0, knows_cbor: bool = True) -> None:
+    def __init__(self, ros: int = ROS2, port: int = 0, knows_cbor: bool = True, once: bool = False) -> None:
         self._serve = websockets_sync("server").serve
         self.dialect = Dialect()
-        self.ros, self.port, self.knows_cbor = ros, port, knows_cbor
+        self.ros, self.port, self.knows_cbor, self._once = ros, port, knows_cbor, once
         self.heard: list[tuple[float, str, dict[str, Any]]] = []
         self._topics: dict[str, _Topic] = {}
         self._clients: list[_Client] = []
@@ -159,13 +160,16 @@ class FakeRosbridge:
             is_a = short_name(held.kind)
             self._complain(client, f"subscribe: topic {name} is a {is_a}, not a {kind}")
             return
+        if self._once and name in client.wanted:
+            return
         client.wanted[name] = said
         if held is not None and held.latched:
             for message in list(held.kept.values()):
                 self._send(client, name, held.kind, message)
 
     def _unsubscribe(self, client: _Client, said: dict[str, Any]) -> None:
-        client.wanted.pop(said["topic"], None)
+        if not self._once:
+            client.wanted.pop(said["topic"], None)
 
     def _unadvertise(self, client: _Client, said: dict[str, Any]) -> None:
         client.advertised.pop(said["topic"], None)
@@ -188,7 +192,7 @@ class FakeRosbridge:
     def _send(self, client: _Client, topic: str, kind: str, message: Any) -> None:
         wanted = client.wanted[topic]
         now_s, least_s = time.monotonic(), wanted.get("throttle_rate", 0) / 1000
-        if now_s - client.sent_s.get(topic, -1e9) < least_s:
+        if now_s - client.sent_s.get(topic, -1e9) < least_s and not self._once:
             return
         client.sent_s[topic] = now_s
         if wanted.get("compression") == "cbor-raw" and self.knows_cbor:
