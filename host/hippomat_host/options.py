@@ -89,7 +89,10 @@ def parser() -> Parser:
     robot = options.add_argument_group("robot and fleet")
     robot.add_argument("--config", metavar="FILE", help="settings (TOML); command-line options win over it")
     robot.add_argument(
-        "--map", metavar="YAML", help="the map that the whole fleet shares (ROS map_server format)"
+        "--map",
+        metavar="FILE",
+        help="the map that the whole fleet shares: a map_server YAML, a recording (lab.bag:/map, run.mcap@30)"
+        " or a rosbridge (ws://HOST:9090)",
     )
     robot.add_argument("--robot", metavar="N", type=int, help="this robot's id; without one it only observes")
     robot.add_argument(

@@ -30,7 +30,7 @@ from hippomat_host.ros.links import FeedLink, RosBaseLink
 from hippomat_host.screen import Screen, screen_for
 from hippomat_host.warm_up import prepare_allocator
 from hippomat_logs.manifest import new_session_id, run_manifest
-from hippomat_logs.map_files import load_map
+from hippomat_logs.map_sources import map_from
 from hippomat_logs.policy_files import policy_name, policy_of
 from hippomat_logs.recorder import Recorder
 from hippomat_logs.recovery import recover_directory
@@ -39,7 +39,7 @@ from hippomat_logs.recovery import recover_directory
 def run(config: Config, given: Given, lockstep: str | None) -> int:
     """The daemon from start to exit code; raises HippomatError for what the user can put right."""
     policy = policy_of(config.fleet)
-    grid = load_map(given.map) if given.map else None
+    grid = map_from(given.map) if given.map else None
     if grid is not None and config.robot.start_known:
         _check_start(config.robot, grid)
     if config.log.enabled and lockstep is None:

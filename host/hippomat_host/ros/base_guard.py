@@ -23,7 +23,7 @@ from hippomat_core.errors import HippomatError
 from hippomat_core.wire.jetbot_base import Decoder, decode_velocity
 from hippomat_host.base_guard import LAST_ZEROS, report
 from hippomat_host.deadman import ZERO, Deadman
-from hippomat_host.ros.client import Rosbridge
+from hippomat_logs.ros.client import Rosbridge
 from hippomat_logs.ros.rosbridge import advertise, publish, unadvertise
 
 Twist = dict[str, Any]

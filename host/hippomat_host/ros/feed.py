@@ -20,8 +20,8 @@ from hippomat_core.config import RosConfig
 from hippomat_core.errors import HippomatError, PortError
 from hippomat_core.messages import Event, LaserScanReceived, OdometryReceived
 from hippomat_host.base_guard import report
-from hippomat_host.ros.client import Rosbridge
 from hippomat_host.ros.intake import Intake
+from hippomat_logs.ros.client import Rosbridge
 from hippomat_logs.ros.rosbridge import unsubscribe
 
 WAIT_S = 0.1

@@ -33,6 +33,7 @@ class _Client:
     socket: Any
     lock: threading.Lock = field(default_factory=threading.Lock)  # a websocket is written by one at a time
     wanted: dict[str, dict[str, Any]] = field(default_factory=dict)  # topic -> its subscribe
+    early: set[str] = field(default_factory=set)  # subscribed to before there was a publisher
     sent_s: dict[str, float] = field(default_factory=dict)
     advertised: dict[str, str] = field(default_factory=dict)  # topic -> type
 
@@ -102,7 +103,9 @@ class FakeRosbridge:
             held = self._topics[topic]
             held.kept[message.transforms[0].child_frame_id if held.kind == TF else ""] = message
         for client in self._everyone():
-            if topic in client.wanted:
+            # A ROS 2 rosbridge takes the QoS of the publishers it finds: asked too early, it is volatile.
+            deaf = held.latched and self.ros == ROS2 and topic in client.early
+            if topic in client.wanted and not deaf:
                 self._send(client, topic, held.kind, message)
 
     def say_event(self, topic: str, event: Event) -> None:
@@ -163,6 +166,7 @@ class FakeRosbridge:
         if self._once and name in client.wanted:
             return
         client.wanted[name] = said
+        (client.early.add if held is None else client.early.discard)(name)
         if held is not None and held.latched:
             for message in list(held.kept.values()):
                 self._send(client, name, held.kind, message)

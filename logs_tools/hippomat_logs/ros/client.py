@@ -26,7 +26,8 @@ class Rosbridge:
     def __init__(self, url: str) -> None:
         self.url = url
         self.incoming = Incoming()
-        self._socket = _connected(url)
+        self._open = contextlib.ExitStack()
+        self._socket = _connected(url, self._open)
 
     def __enter__(self) -> Rosbridge:
         return self
@@ -52,18 +53,17 @@ class Rosbridge:
 
     def close(self) -> None:
         with contextlib.suppress(Exception):
-            self._socket.close()
+            self._open.close()
 
     def _broken(self, error: Exception) -> PortError:
         return PortError(f"{self.url}: rosbridge hung up ({_reason(error)})")
 
 
-def _connected(url: str) -> Any:
+def _connected(url: str, until_closed: contextlib.ExitStack) -> Any:
     client = websockets_sync("client")
     try:
-        connection = client.connect(
-            url, compression=None, max_size=MOST_BYTES, open_timeout=OPEN_S, close_timeout=0.5
-        )
+        options = {"max_size": MOST_BYTES, "open_timeout": OPEN_S, "close_timeout": 0.5}
+        connection = until_closed.enter_context(client.connect(url, compression=None, **options))
     except ConnectionRefusedError:
         raise PortError(f"{url}: connection refused; start rosbridge there: {LAUNCH}") from None
     except socket.gaierror:
