@@ -30,7 +30,7 @@ from hippomat_logs.ros.client import Rosbridge
 from hippomat_logs.ros.dialect import MAP, ODOMETRY, ROS1, ROS2, SCAN, TF, Dialect, to_json
 from hippomat_logs.ros.events import message_of
 from hippomat_logs.ros.fake_rosbridge import FakeRosbridge
-from hippomat_logs.ros.rosbridge import Incoming, fragments, publish
+from hippomat_logs.ros.rosbridge import Incoming, fragments, publish, subscribe
 from hippomat_logs.schema import differences
 
 BIG = OccupancyGrid(
@@ -179,6 +179,15 @@ def test_a_map_whose_server_comes_late_is_asked_for_again():
     with FakeRosbridge() as bridge, followed(FeedLink(RosConfig(url=bridge.url))) as feed:
         assert feed.until(lambda: bridge.subscribed("/map"))
         bridge.topic("/map", MAP, latched=True)
+        bridge.say_event("/map", map_event(BIG))
+        assert feed.until(lambda: bool(feed.of(MapReceived)))
+
+
+def test_a_topic_that_another_client_has_as_json_is_taken_as_json(bridge):
+    """rosbridge for ROS 2 serves a topic raw or not, as its first subscriber wanted it."""
+    with Rosbridge(bridge.url) as other, followed(FeedLink(RosConfig(url=bridge.url))) as feed:
+        other.say(subscribe("/map", "nav_msgs/OccupancyGrid", "json"))
+        assert wait_until(lambda: bridge.subscribed("/map"))
         bridge.say_event("/map", map_event(BIG))
         assert feed.until(lambda: bool(feed.of(MapReceived)))
 

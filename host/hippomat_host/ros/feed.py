@@ -59,7 +59,7 @@ def run(ros: RosConfig, daemon: Connection) -> None:
             bridge.say(topic.request(ros.encoding))
         report(connected=ros.url)
         begun_s = again_s = time.monotonic()
-        told = False
+        told, turns = False, 0
         while True:
             operation = bridge.hear(WAIT_S)
             for event in [] if operation is None else intake.events(operation):
@@ -70,7 +70,8 @@ def run(ros: RosConfig, daemon: Connection) -> None:
             now_s = time.monotonic()
             if now_s - again_s > AGAIN_S:
                 again_s = now_s
-                _subscribe_again(bridge, intake, ros.encoding)
+                turns += 1
+                _subscribe_again(bridge, intake, "json" if turns % 2 else ros.encoding)
             if now_s - begun_s > SILENT_S and not told:
                 told = True
                 intake.remarks += _silence(intake)
@@ -79,8 +80,9 @@ def run(ros: RosConfig, daemon: Connection) -> None:
 
 
 def _subscribe_again(bridge: Rosbridge, intake: Intake, encoding: str) -> None:
+    """Silent topics, in turn as JSON: rosbridge serves one raw or not, as its first subscriber wanted it."""
     for topic in intake.topics:
-        if topic.latched and topic.name in intake.silent:
+        if topic.name in intake.silent:
             bridge.say(unsubscribe(topic.name))
             bridge.say(topic.request(encoding))
 

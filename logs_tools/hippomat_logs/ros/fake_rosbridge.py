@@ -25,6 +25,7 @@ from hippomat_logs.ros.rosbridge import cbor, fragments, websockets_sync
 class _Topic:
     kind: str  # as ROS 2 names it
     latched: bool
+    raw: bool | None = None  # as its first subscriber wanted it, of a ROS 2 rosbridge; None: nobody did
     kept: dict[str, Any] = field(default_factory=dict)  # /tf_static has many publishers: one each child
 
 
@@ -166,14 +167,20 @@ class FakeRosbridge:
         if self._once and name in client.wanted:
             return
         client.wanted[name] = said
+        if held is not None and held.raw is None:
+            held.raw = said.get("compression") == "cbor-raw"
         (client.early.add if held is None else client.early.discard)(name)
         if held is not None and held.latched:
             for message in list(held.kept.values()):
                 self._send(client, name, held.kind, message)
 
     def _unsubscribe(self, client: _Client, said: dict[str, Any]) -> None:
-        if not self._once:
-            client.wanted.pop(said["topic"], None)
+        if self._once:
+            return
+        client.wanted.pop(said["topic"], None)
+        held = self._topics.get(said["topic"])
+        if held is not None and not self.subscribed(said["topic"]):
+            held.raw = None
 
     def _unadvertise(self, client: _Client, said: dict[str, Any]) -> None:
         client.advertised.pop(said["topic"], None)
@@ -199,6 +206,9 @@ class FakeRosbridge:
         if now_s - client.sent_s.get(topic, -1e9) < least_s and not self._once:
             return
         client.sent_s[topic] = now_s
+        raw = self._topics[topic].raw
+        if self.ros == ROS2 and raw is not None and raw != (wanted.get("compression") == "cbor-raw"):
+            return  # the real server fails over its own mixture of bytes and messages, and says so in its log
         if wanted.get("compression") == "cbor-raw" and self.knows_cbor:
             secs, nsecs = divmod(time.time_ns(), 10**9)
             data = self.dialect.encode_as(self.ros, kind, message)
