@@ -23,6 +23,7 @@ from hippomat_core.messages import (
     PortLost,
     PortOpened,
     PoseEstimated,
+    ScanReceived,
     Started,
     Tick,
 )
@@ -173,6 +174,28 @@ def test_a_jump_of_the_localization_does_not_move_what_the_guard_sees():
     assert robot.state.steady_pose == pytest.approx((1.0, 0.0, 0.0))
     robot.give(scan(5050, [2.0] * 360, low=-math.pi, step=math.pi / 180))
     assert robot.state.scan.points == pytest.approx(seen)
+
+
+def test_a_restart_of_the_odometry_is_said_and_its_scan_not_used():
+    robot = running()
+    said = alarms(robot.give(transform("odom", "base_link", 5000, (-3.0, 0.0, 0.0))))
+    assert "the odometry from ROS jumped" in said["odometry_jump"]
+    assert robot.state.scan is None
+    assert robot.state.velocity == (0.0, 0.0)
+    assert not alarms(robot.lives(9000, 10_000)).keys() & {"odometry_jump"}  # it may have driven
+
+
+def test_a_serial_lidars_scan_is_not_used_across_the_coming_of_a_pose_from_ros():
+    robot = Robot(replace(CONFIG, ros=replace(CONFIG.ros, lidar=False)))
+    quality = np.full(360, 40, np.uint8)
+    angles = np.arange(360, dtype=np.uint16) * 64
+    sweep = ScanReceived(MS, quality, angles, np.full(360, 4000, np.uint16))
+    robot.give(PortOpened(0, LIDAR, "RPLIDAR"), sweep)
+    assert robot.state.scan is not None
+    robot.give(transform("odom", "base_link", 1, (1.0, 0.0, 0.0)), transform("map", "odom", 1))
+    assert robot.state.scan is None
+    robot.give(sweep)
+    assert robot.state.scan is not None
 
 
 def test_settings_that_cannot_work_are_refused_by_name():

@@ -36,12 +36,13 @@ DIALECT = Dialect()
 
 number = st.floats(allow_nan=False, allow_infinity=False)
 single = st.floats(width=32, allow_nan=False, allow_infinity=False)
+steps = st.floats(2.0**-20, 0.5, width=32) | st.floats(-0.5, -(2.0**-20), width=32)
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 frames = st.text(st.characters(codec="utf-8", exclude_characters="\0/"), max_size=12)
-ranges = arrays.arrays(np.float32, st.integers(0, 40), elements=single | st.just(np.float32(np.inf)))
+ranges = arrays.arrays(np.float32, st.integers(1, 40), elements=single | st.just(np.float32(np.inf)))
 events = st.one_of(
     st.builds(TransformReceived, st.just(0), stamps, frames, frames, st.booleans(), *[number] * 7),
-    st.builds(LaserScanReceived, st.just(0), stamps, frames, *[single] * 5, ranges),
+    st.builds(LaserScanReceived, st.just(0), stamps, frames, single, steps, *[single] * 3, ranges),
     st.builds(OdometryReceived, st.just(0), stamps, number, number),
     st.builds(
         lambda cells, resolution, x, y: map_event(OccupancyGrid(cells, resolution, x, y)),
@@ -187,6 +188,15 @@ def test_a_map_that_cannot_be_used_is_refused_by_name():
 def test_null_in_a_scan_is_no_return():
     (scan,) = events_of(SCAN, from_json(to_json(message_of(DIALECT, _scan([1.0, math.inf]))[1])))
     assert scan.ranges_m.tolist() == [1.0, math.inf]
+
+
+@pytest.mark.parametrize("changes", [{"angle_increment": 0.0}, {"angle_min": math.nan}, {"ranges": []}])
+def test_a_scan_that_would_show_free_space_where_nobody_looked_is_undecodable(changes):
+    _, message = message_of(DIALECT, _scan([1.0, 2.0]))
+    for name, value in changes.items():
+        setattr(message, name, value)
+    with pytest.raises(Undecodable):
+        list(events_of(SCAN, message))
 
 
 def _scan(values):

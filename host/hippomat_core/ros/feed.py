@@ -17,9 +17,11 @@ from hippomat_core.config import RosConfig
 from hippomat_core.messages import LaserScanReceived, OdometryReceived, TransformReceived
 from hippomat_core.ros.clock import RosClock
 from hippomat_core.ros.transforms import HERE, Edge, Pose2, Transforms, along, composed
+from hippomat_core.slam.odometry import FASTEST_RADPS, JUMP_M, JUMP_RAD
 
 TRAIL_NS = 1_000_000_000
 SPEED_NS = 150_000_000  # a speed from transforms is a mean over so long
+FASTEST_MPS = 5.0  # [limits] speed_mps goes no higher
 TOLD_NS = 500_000_000  # a measured speed (/odom) holds for so long
 FOREVER = 2**62
 
@@ -35,6 +37,7 @@ class RosFeed:
     correction: Pose2 | None = None  # odom in map; None: they do not connect yet
     corrected_ns: int = 0  # when that was last said; FOREVER: it is fixed
     trail: tuple[Place, ...] = ()  # base in odom, oldest first
+    jumps: int = 0  # of the odometry: its node started anew
     unplaced: int = 0  # scans in a row in a frame that is not known
     told: tuple[int, float, float] | None = None  # /odom: stamp_ns, v [m/s], wz [rad/s]
 
@@ -132,8 +135,17 @@ def _with_place(feed: RosFeed, way: tuple[Edge, ...]) -> RosFeed:
     if taken_ns < feed.moved_ns or taken_ns == -FOREVER:  # late: what came since is newer
         return feed
     place = (taken_ns, *along(way).flat())
+    if feed.trail and _jumped(feed.trail[-1], place):
+        return replace(feed, trail=(place,), jumps=feed.jumps + 1)
     kept = tuple(old for old in feed.trail if taken_ns - TRAIL_NS <= old[0] < taken_ns)
     return replace(feed, trail=(*kept, place))
+
+
+def _jumped(before: Place, after: Place) -> bool:
+    seconds = (after[0] - before[0]) / 1e9
+    moved_m = math.hypot(after[1] - before[1], after[2] - before[2])
+    turned_rad = abs(math.remainder(after[3] - before[3], math.tau))
+    return moved_m > JUMP_M + FASTEST_MPS * seconds or turned_rad > JUMP_RAD + FASTEST_RADPS * seconds
 
 
 def _between(before: Place, after: Place, stamp_ns: int) -> Pose2:

@@ -31,7 +31,7 @@ Stepped = tuple[State, tuple[Effect, ...]]
 
 def ros_opened(state: State) -> State:
     """The bridge was reached: transforms, and what the clocks differ by, begin anew."""
-    return replace(_with_lidar(state, True), ros=RosFeed())
+    return _with_feed(_with_lidar(state, True), RosFeed())
 
 
 def ros_lost(state: State) -> State:
@@ -41,7 +41,12 @@ def ros_lost(state: State) -> State:
 
 
 def transform(state: State, event: TransformReceived) -> Stepped:
-    return replace(state, ros=with_transform(state.ros, event, state.config.ros)), ()
+    jumps = state.ros.jumps
+    state = _with_feed(state, with_transform(state.ros, event, state.config.ros))
+    if state.ros.jumps == jumps:
+        return state, ()
+    text = "the odometry from ROS jumped, as after a restart of its node: does localization find the robot?"
+    return replace(state, scan=None), (AlarmRaised(WARNING, "odometry_jump", text),)
 
 
 def odometry_received(state: State, event: OdometryReceived) -> Stepped:
@@ -105,6 +110,13 @@ def _why_not_localized(state: State) -> str:
     if top == ros.base_frame:
         return f"ROS says nothing of frame {ros.base_frame!r}: is [ros] base_frame right?"
     return f"no way from {ros.map_frame!r} to {top!r} in ROS's transforms: is localization (amcl) running?"
+
+
+def _with_feed(state: State, feed: RosFeed) -> State:
+    """A scan from before a pose of ROS came or went lies in another frame: the guard waits for the next."""
+    known = state.external_pose is not None
+    state = replace(state, ros=feed)
+    return state if known == (state.external_pose is not None) else replace(state, scan=None)
 
 
 def _with_lidar(state: State, is_open: bool) -> State:

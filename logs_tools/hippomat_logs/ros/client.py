@@ -17,7 +17,10 @@ from hippomat_logs.ros.rosbridge import MOST_BYTES, Incoming, websockets_sync
 
 OPEN_S = 5.0
 DEAD_MS = 1000  # bytes that nobody acknowledges for so long: the other side, or the way to it, is gone
-LAUNCH = "`roslaunch rosbridge_server rosbridge_websocket.launch` or `ros2 launch rosbridge_server ...xml`"
+LAUNCH = (
+    "`roslaunch rosbridge_server rosbridge_websocket.launch` (ROS 1), "
+    "`ros2 launch rosbridge_server rosbridge_websocket_launch.xml` (ROS 2)"
+)
 
 
 class Rosbridge:

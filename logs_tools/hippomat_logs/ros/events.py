@@ -6,6 +6,7 @@ dialect.py). The way back serves replay: a stand-in for ROS says again what was 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -81,6 +82,10 @@ def _transforms(message: Any, fixed: bool) -> Iterator[Event]:
 
 
 def _scan(message: Any, _: bool) -> Iterator[Event]:
+    if not (math.isfinite(_single(message.angle_min)) and 0.0 < abs(_single(message.angle_increment)) < 1.0):
+        raise ValueError(f"rays from {message.angle_min} in steps of {message.angle_increment} rad")
+    if not len(message.ranges):
+        raise ValueError("no ranges")
     yield LaserScanReceived(
         0,
         _ns(message.header.stamp),
