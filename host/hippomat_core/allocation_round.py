@@ -185,7 +185,7 @@ def _own_inputs(
         x_cm=_centimetres(x_m),
         y_cm=_centimetres(y_m),
         yaw_256=round(yaw_rad / math.tau * 256) % 256,
-        speed_2cmps=min(round(abs(state.odometry.v_mps) * 50), 255),
+        speed_2cmps=min(round(abs(state.velocity[0]) * 50), 255),
         status=IDLE if localized else LOST,
         flags=flags,
         intent=_intent(state),

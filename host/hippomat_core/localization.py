@@ -33,9 +33,9 @@ from hippomat_core.wire.frames import FLAG_LOCALIZED
 
 def on_map(state: State, ground: Ground, now_ns: int) -> State:
     """With a map that is new, or changed: the pose in it is what it was before, and has to be checked."""
-    if state.observes or state.config.slam.mode != "auto":
-        return replace(state, place=None)
     config = state.config
+    if state.observes or config.slam.mode != "auto" or config.ros.localizes or config.ros.scans:
+        return replace(state, place=None)
     saved = saved_map(ground.costmap, config.robot.radius_m)
     if state.place is not None:
         return replace(state, place=on_new_map(state.place, saved, now_ns))

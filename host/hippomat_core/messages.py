@@ -30,8 +30,8 @@ from hippomat_core.fields import (
 )
 from hippomat_core.wire.frames import Header, RelayFrame, StateFrame, StopFrame, TasksFrame
 
-RADIO, BASE, LIDAR = 0, 1, 2  # ports
-PORT_NAMES = ("radio", "base", "lidar")
+RADIO, BASE, LIDAR, ROS = 0, 1, 2, 3  # ports; ROS is no serial one, and may stand in for base and lidar
+PORT_NAMES = ("radio", "base", "lidar", "ros")
 INFO, WARNING, ERROR = 0, 1, 2  # alarm levels
 
 
@@ -227,6 +227,49 @@ class LinkNoise:
     bad_checksums: U32
 
 
+@dataclass(frozen=True, slots=True)
+class TransformReceived:
+    """One transform of ROS's /tf or /tf_static: the child frame's pose in the parent frame."""
+
+    stamp_ns: I64
+    ros_ns: I64  # its header's stamp, ROS's clock
+    parent: str
+    child: str
+    fixed: bool  # of /tf_static: holds for ever
+    x_m: F64
+    y_m: F64
+    z_m: F64
+    qx: F64
+    qy: F64
+    qz: F64
+    qw: F64
+
+
+@dataclass(frozen=True, slots=True)
+class LaserScanReceived:
+    """A sensor_msgs/LaserScan without its intensities, in `frame`; angles count counter-clockwise."""
+
+    stamp_ns: I64
+    ros_ns: I64  # of the first ray, ROS's clock
+    frame: str
+    angle_min_rad: F64
+    angle_increment_rad: F64
+    time_increment_s: F64  # between rays
+    range_min_m: F64
+    range_max_m: F64
+    ranges_m: F32Array  # (n,) inf: no return
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryReceived:
+    """The measured speed of a nav_msgs/Odometry, base frame; its pose is a transform as well."""
+
+    stamp_ns: I64
+    ros_ns: I64
+    v_mps: F64
+    wz_radps: F64
+
+
 Event: TypeAlias = (
     Started
     | MapReceived
@@ -243,6 +286,9 @@ Event: TypeAlias = (
     | RadioStatus
     | RoundEnded
     | LinkNoise
+    | TransformReceived
+    | LaserScanReceived
+    | OdometryReceived
 )
 
 
@@ -279,7 +325,7 @@ class PoseEstimated:
     yaw_rad: F64
     v_mps: F64
     wz_radps: F64
-    source: str  # odometry, slam
+    source: str  # odometry, slam, ros
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from hippomat_core.fleet.radio_health import RadioHealth
 from hippomat_core.fleet.state import FleetState
 from hippomat_core.planning.field_cache import Fields
 from hippomat_core.planning.ground import Ground
+from hippomat_core.ros.feed import RosFeed
 from hippomat_core.slam.localizer import Localizer
 from hippomat_core.slam.odometry import Odometry
 from hippomat_core.slam.pose2 import Pose, compose
@@ -32,7 +33,7 @@ NEVER = -(10**18)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """The latest sweep's returns in the base frame, and the pose (odom frame) they were taken at.
+    """The latest sweep's returns in the base frame, and the pose (State.steady_pose) they were taken at.
 
     With them, points of earlier sweeps that the robot came too near to for the lidar to see them still.
     """
@@ -87,6 +88,7 @@ class State:
     odometry: Odometry
     started_ns: int = NEVER
     ports: tuple[bool, bool, bool] = (False, False, False)  # radio, base, lidar
+    ros: RosFeed = field(default_factory=RosFeed)
     radio: RadioHealth = field(default_factory=RadioHealth)
     radio_heard_ns: int = NEVER  # its last status
     ground: Ground | None = None
@@ -108,9 +110,35 @@ class State:
         return self.config.robot.id < 0
 
     @property
+    def external_pose(self) -> Pose | None:
+        """Where a localization outside says the robot is; faults.py judges its age."""
+        return self.ros.pose if self.config.ros.localizes else None
+
+    @property
     def pose(self) -> Pose:
+        if self.external_pose is not None:
+            return self.external_pose
         odom = self.odometry.pose
         return odom if self.place is None else compose(self.place.map_from_odom, odom)
+
+    @property
+    def steady_pose(self) -> Pose:
+        """A pose that drifts but never jumps: what lies between two scans and the guard."""
+        return self.odometry.pose if self.external_pose is None else self.ros.odom
+
+    @property
+    def velocity(self) -> tuple[float, float]:
+        """Measured (v [m/s], wz [rad/s]), base frame."""
+        if self.external_pose is not None:
+            return self.ros.velocity
+        return self.odometry.v_mps, self.odometry.wz_radps
+
+    @property
+    def pose_source(self) -> str:
+        """What `pose` comes from, for the log."""
+        if self.external_pose is not None:
+            return "ros"
+        return "odometry" if self.place is None else "slam"
 
 
 def initial_state(config: Config, policy: bytes | None = None) -> State:

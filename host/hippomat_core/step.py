@@ -17,6 +17,7 @@ from hippomat_core.allocation_round import round_ended
 from hippomat_core.control.guard import carried_along, hidden_points, is_whole, scan_points
 from hippomat_core.control.nav_state import STANDING
 from hippomat_core.control.navigator import forget_path
+from hippomat_core.errors import HippomatError
 from hippomat_core.fleet import state as fleet_state
 from hippomat_core.fleet.digest import fleet_digest
 from hippomat_core.fleet.hearing import heard_relay, heard_state, heard_tasks
@@ -30,14 +31,17 @@ from hippomat_core.messages import (
     LIDAR,
     PORT_NAMES,
     RADIO,
+    ROS,
     WARNING,
     AlarmRaised,
     BaseFeedback,
     Effect,
     Event,
     FrameSent,
+    LaserScanReceived,
     LinkNoise,
     MapReceived,
+    OdometryReceived,
     PortLost,
     PortOpened,
     RadioStatus,
@@ -49,10 +53,12 @@ from hippomat_core.messages import (
     StopHeard,
     TasksHeard,
     Tick,
+    TransformReceived,
 )
 from hippomat_core.planning.field_cache import Fields
 from hippomat_core.planning.ground import Ground, ground_of
 from hippomat_core.planning.map_change import path_holds
+from hippomat_core.ros.intake import laser_scan, odometry_received, ros_lost, ros_opened, transform
 from hippomat_core.slam.odometry import moved
 from hippomat_core.state import Scan, State, initial_state, merged_stop
 from hippomat_core.tick import tick
@@ -77,6 +83,15 @@ def _started(state: State, event: Started) -> Stepped:
 
 
 def _map_received(state: State, event: MapReceived) -> Stepped:
+    if not state.config.ros.maps:
+        return _with_map(state, event)
+    try:  # it came while the robot runs: what cannot be used is refused, and the map before it holds
+        return _with_map(state, event)
+    except HippomatError as error:
+        return state, (AlarmRaised(WARNING, "map_refused", f"the map from ROS is not used: {error}"),)
+
+
+def _with_map(state: State, event: MapReceived) -> Stepped:
     cells = event.cells.reshape(event.height, event.width)
     grid = OccupancyGrid(cells, event.resolution_m, event.origin_x_m, event.origin_y_m)
     ground = ground_of(grid, event.epoch, state.config)
@@ -103,6 +118,8 @@ def _with_ground(state: State, ground: Ground) -> State:
 
 
 def _port_opened(state: State, event: PortOpened) -> Stepped:
+    if event.port == ROS:
+        return ros_opened(state), ()
     state = _with_port(state, event.port, True)
     if event.port == RADIO:
         fleet = replace(state.fleet, clock=state.fleet.clock.new_radio())
@@ -113,6 +130,8 @@ def _port_opened(state: State, event: PortOpened) -> Stepped:
 
 
 def _port_lost(state: State, event: PortLost) -> Stepped:
+    if event.port == ROS:
+        return ros_lost(state), ()
     state = _with_port(state, event.port, False)
     if event.port == BASE:  # the motor guard stops it: whoever comes back starts from standing
         standing = replace(state.navigator, drive=STANDING)
@@ -140,9 +159,9 @@ def _scan_received(state: State, event: ScanReceived) -> Stepped:
     lidar, last = state.config.lidar, state.scan
     points = scan_points(event, lidar)
     if last is not None:
-        before = carried_along(last.points, last.pose, state.odometry.pose)
+        before = carried_along(last.points, last.pose, state.steady_pose)
         points = np.concatenate([hidden_points(before, lidar), points])
-    state = replace(state, scan=Scan(event.stamp_ns, points, state.odometry.pose))
+    state = replace(state, scan=Scan(event.stamp_ns, points, state.steady_pose))
     effects: list[Effect] = []
     state = on_sweep(state, event, effects)
     return state, tuple(effects)
@@ -224,4 +243,7 @@ _HANDLERS: dict[type, Callable[[State, Any], Stepped]] = {
     RadioStatus: _radio_status,
     RoundEnded: round_ended,
     LinkNoise: _link_noise,
+    TransformReceived: transform,
+    LaserScanReceived: laser_scan,
+    OdometryReceived: odometry_received,
 }

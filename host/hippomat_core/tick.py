@@ -34,8 +34,7 @@ def tick(state: State, event: Tick) -> Stepped:
     state = round_without_radio(state, now_ns, allowed, effects)
     if not state.observes and state.ports[BASE]:
         state = _drive(state, now_ns, allowed, effects)
-        odometry, source = state.odometry, "odometry" if state.place is None else "slam"
-        effects.append(PoseEstimated(*state.pose, odometry.v_mps, odometry.wz_radps, source))
+        effects.append(PoseEstimated(*state.pose, *state.velocity, state.pose_source))
     return state, tuple(effects)
 
 
@@ -48,8 +47,8 @@ def _drive(state: State, now_ns: int, allowed: Permissions, effects: list[Effect
         code = next((code for code, _ in state.faults if BY_CODE[code].stops), "no_map")
         effects.append(Drive(0.0, 0.0, f"stop:{code}"))
         return replace(state, navigator=standing, outcome=None, held=False)
-    odometry, claim = state.odometry, state.fleet.own_claim
-    motion = Motion(*state.pose, odometry.v_mps, odometry.wz_radps)
+    claim = state.fleet.own_claim
+    motion = Motion(*state.pose, *state.velocity)
     peers = peers_in_the_way(state, now_ns)
     navigator, outcome = navigate(
         state.navigator,
@@ -83,7 +82,7 @@ def peers_in_the_way(state: State, now_ns: int) -> list[PeerMotion]:
 def _seen(state: State) -> NDArray[np.float64]:
     """The latest scan, moved along with the robot by its wheels: where in the map it is plays no part."""
     scan = state.scan
-    return NO_POINTS if scan is None else carried_along(scan.points, scan.pose, state.odometry.pose)
+    return NO_POINTS if scan is None else carried_along(scan.points, scan.pose, state.steady_pose)
 
 
 def _discs(state: State, peers: list[PeerMotion]) -> NDArray[np.float64]:

@@ -46,6 +46,8 @@ examples:
       be robot 3
   hippomat-host --port /dev/ttyACM0 --fleet fleet.toml --robot 3
       the same, where one file says map, start poses and settings of the whole fleet
+  hippomat-host --port /dev/ttyACM0 --ros ws://localhost:9090 --robot 3
+      be robot 3 on a robot that runs ROS: map, pose, lidar and base are ROS's
 
 Ports that are not given default to /dev/hippomat-radio, /dev/hippomat-base and /dev/hippomat-lidar where udev
 rules have made them. Ctrl-C (SIGINT), SIGTERM and SIGHUP stop the motors first and then finish the log.
@@ -81,13 +83,21 @@ def parser() -> Parser:
     ports.add_argument("--port", metavar="DEV", help="the radio (ESP32-S3)")
     ports.add_argument("--base", metavar="DEV", help="the base: motors, encoders, IMU")
     ports.add_argument("--lidar", metavar="DEV", help="the lidar (RPLIDAR A1)")
+    ports.add_argument(
+        "--ros",
+        metavar="URL",
+        help="rosbridge, ws://HOST:9090: the map, pose, lidar and base that have no option here are ROS's",
+    )
     robot = options.add_argument_group("robot and fleet")
     robot.add_argument(
         "--fleet", metavar="FILE", help="fleet.toml: shared settings, the map, and who starts where"
     )
     robot.add_argument("--config", metavar="FILE", help="settings (TOML); command-line options win over it")
     robot.add_argument(
-        "--map", metavar="YAML", help="the map that the whole fleet shares (ROS map_server format)"
+        "--map",
+        metavar="FILE",
+        help="the map that the whole fleet shares: a map_server YAML, a recording (lab.bag:/map, run.mcap@30)"
+        " or a rosbridge (ws://HOST:9090)",
     )
     robot.add_argument("--robot", metavar="N", type=int, help="this robot's id; without one it only observes")
     robot.add_argument(
@@ -121,7 +131,9 @@ def config_of(args: argparse.Namespace) -> Config:
         robot = said.get("robot", {}).get("id", -1) if args.robot is None else args.robot
         said = merged(roster.settings(robot), said)
     names = [name for name in (args.fleet, args.config) if name]
-    config = config_from_dict(merged(said, _said(args)), " and ".join(names) or "command line")
+    config = config_from_dict(
+        _with_ros_roles(merged(said, _said(args)), args), " and ".join(names) or "command line"
+    )
     if args.policy is not None:
         _check_policy(args.policy, config.fleet.allocator)
     return config
@@ -142,7 +154,7 @@ def roster_of(args: argparse.Namespace) -> Roster | None:
 
 def _said(args: argparse.Namespace) -> Tree:
     """What the command line itself says."""
-    tree: Tree = {"robot": {}, "fleet": {}, "log": {}}
+    tree: Tree = {"robot": {}, "fleet": {}, "log": {}, "ros": {}}
     if args.robot is not None:
         tree["robot"]["id"] = args.robot
     if args.start is not None:
@@ -155,7 +167,17 @@ def _said(args: argparse.Namespace) -> Tree:
         tree["log"] |= {"directory": args.log, "enabled": True}
     if args.no_log:
         tree["log"]["enabled"] = False
+    if args.ros is not None:
+        tree["ros"]["url"] = args.ros
     return tree
+
+
+def _with_ros_roles(tree: Tree, args: argparse.Namespace) -> Tree:
+    """What has a port or a file of its own is not ROS's."""
+    if not tree["ros"].get("url"):
+        return tree
+    given = {"base": args.base, "lidar": args.lidar, "map": _map_of(args)}
+    return merged(tree, {"ros": {role: False for role, value in given.items() if value}})
 
 
 def _map_of(args: argparse.Namespace) -> str:
@@ -180,7 +202,8 @@ def given_of(args: argparse.Namespace, config: Config) -> Given:
     """What there is to work with; raises UsageError where there is no radio at all."""
     paths = {}
     for port, stable, value in zip((RADIO, BASE, LIDAR), STABLE_NAMES, _flags(args), strict=True):
-        paths[port] = value or (stable if os.path.exists(stable) else "")
+        with_ros = config.ros.url and port != RADIO  # its drivers own those devices
+        paths[port] = value or (stable if os.path.exists(stable) and not with_ros else "")
     if not paths[RADIO]:
         raise UsageError(f"--port is missing: the radio's serial port; {existing_ports()}")
     _check_distinct(paths)
@@ -188,11 +211,12 @@ def given_of(args: argparse.Namespace, config: Config) -> Given:
     start = f"{robot.start_x_m:g},{robot.start_y_m:g},{robot.start_yaw_rad:g}" if robot.start_known else ""
     return Given(
         *(paths[RADIO], paths[BASE], paths[LIDAR]),
-        args.config or "",
-        _map_of(args),
-        config.robot.id,
-        start,
-        args.fleet or "",
+        config=args.config or "",
+        map=_map_of(args),
+        robot=config.robot.id,
+        start=start,
+        fleet=args.fleet or "",
+        ros=config.ros,
     )
 
 

@@ -26,10 +26,11 @@ from hippomat_host.guard_link import GuardLink
 from hippomat_host.links import Link, SerialLink
 from hippomat_host.lockstep import LockstepReactor
 from hippomat_host.reactor import Reactor, RealReactor, StopSignal
+from hippomat_host.ros.links import FeedLink, RosBaseLink
 from hippomat_host.screen import Screen, screen_for
 from hippomat_host.warm_up import prepare_allocator, prepare_localizer
 from hippomat_logs.manifest import new_session_id, run_manifest
-from hippomat_logs.map_files import load_map
+from hippomat_logs.map_sources import map_from
 from hippomat_logs.policy_files import policy_name, policy_of
 from hippomat_logs.recorder import Recorder
 from hippomat_logs.recovery import recover_directory
@@ -38,7 +39,7 @@ from hippomat_logs.recovery import recover_directory
 def run(config: Config, given: Given, lockstep: str | None) -> int:
     """The daemon from start to exit code; raises HippomatError for what the user can put right."""
     policy = policy_of(config.fleet)
-    grid = load_map(given.map) if given.map else None
+    grid = map_from(given.map) if given.map else None
     if grid is not None and config.robot.start_known:
         _check_start(config.robot, grid)
     if config.log.enabled and lockstep is None:
@@ -88,8 +89,12 @@ def make_links(config: Config, given: Given) -> list[Link]:
     links: list[Link] = [SerialLink(RADIO, given.radio, hello, check)]
     if given.base:
         links.append(GuardLink(given.base, hello, check))
+    elif config.ros.drives and config.robot.id >= 0:  # an observer drives nothing
+        links.append(RosBaseLink(config.ros))
     if given.lidar:
         links.append(SerialLink(LIDAR, given.lidar, hello, check))
+    if config.ros.url:
+        links.append(FeedLink(config.ros))
     return links
 
 
