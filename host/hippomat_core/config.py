@@ -104,7 +104,7 @@ class GuardConfig:
 class SlamConfig:
     """Where the robot is: from its lidar and a saved map, or from its wheels alone."""
 
-    mode: str = choice("auto", "auto", "odometry")  # auto: localize in the map that was given
+    mode: str = choice("auto", "auto", "odometry", "map")  # auto: localize in the map; map: make one
     score_min: float = number(0.65, 0.1, 1.0)  # share of a scan's evidence that must speak for the pose
     lost_after_s: float = number(1.5, 0.2, 30.0)  # without a scan that fits
     lost_radius_m: float = number(0.5, 0.05, 10.0)  # 95 % of the pose's error; beyond it, it is not known

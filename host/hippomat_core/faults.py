@@ -33,6 +33,10 @@ def with_faults(state: State, now_ns: int, effects: list[Effect]) -> State:
 
 
 def _text(state: State, code: str) -> str:
+    if code == "no_map" and state.charting is not None:
+        return (
+            "a map is being made: push the robot, or drive it with something else; it does not drive itself"
+        )
     if code == "not_localized" and state.place is not None:
         return state.place.why
     return state.stop.text if code == "stop" else text_for(state, code) or BY_CODE[code].text

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.control.navigator import forget_path
-from hippomat_core.messages import AlarmRaised, Effect, Localized, ScanReceived
+from hippomat_core.mapping import with_answer
+from hippomat_core.mapping import with_sweep as charted
+from hippomat_core.messages import WARNING, AlarmRaised, Effect, Localized, LoopsClosed, ScanReceived
 from hippomat_core.planning.ground import Ground
 from hippomat_core.reactions import BY_CODE
 from hippomat_core.slam.localizer import (
@@ -47,9 +49,13 @@ def on_map(state: State, ground: Ground, now_ns: int) -> State:
 def on_sweep(state: State, event: ScanReceived, effects: list[Effect]) -> State:
     """After a whole sweep."""
     before = state.place
-    if before is None:
+    if before is None and state.charting is None:
         return state
     points, odom, at_ns = deskewed(event, state.sweeps, state.odometry, state.config.lidar)
+    if state.charting is not None:
+        shown = masked(points, state.pose, _peers_m(state, event.stamp_ns), state.config.robot.radius_m)
+        return replace(state, charting=charted(state.charting, event, (shown, odom, at_ns), effects))
+    assert before is not None
     shown = points
     if before.localized:
         pose = compose(before.map_from_odom, odom)
@@ -57,6 +63,17 @@ def on_sweep(state: State, event: ScanReceived, effects: list[Effect]) -> State:
     after = with_sweep(before, Seen(shown, odom), event.stamp_ns)
     effects.append(_record(after, at_ns, len(points) - len(shown)))
     return _told(state, before, after, effects)
+
+
+def on_loops_closed(state: State, event: LoopsClosed) -> tuple[State, tuple[Effect, ...]]:
+    """The answer of the solver outside; one that nobody asked for changes nothing."""
+    if state.charting is None:
+        return state, ()
+    effects: list[Effect] = []
+    if event.text:
+        effects.append(AlarmRaised(WARNING, "loops_open", f"loops of the map are not closed: {event.text}"))
+    state = replace(state, charting=with_answer(state.charting, event, effects))
+    return state, tuple(effects)
 
 
 def on_tick(state: State, now_ns: int, effects: list[Effect]) -> State:

@@ -15,6 +15,7 @@ from hippomat_core.fields import (
     F64,
     I8,
     I16,
+    I32,
     I64,
     U8,
     U16,
@@ -24,6 +25,7 @@ from hippomat_core.fields import (
     F64Array,
     I8Array,
     I16Array,
+    I32Array,
     U8Array,
     U16Array,
     U32Array,
@@ -228,6 +230,27 @@ class LinkNoise:
 
 
 @dataclass(frozen=True, slots=True)
+class LoopsClosed:
+    """A solver outside the core answered to LoopsDue: poses, loop links, the map anew (slam/solution.py)."""
+
+    stamp_ns: I64
+    epoch: U32
+    searched: U32  # keyframes whose loops were looked for
+    poses: F64Array  # (n * 3,) of the first n keyframes; empty: there is no answer, `text` says why
+    loop_first: I32Array  # (k,)
+    loop_second: I32Array  # (k,)
+    loop_motion: F64Array  # (k * 3,)
+    loop_information: F64Array  # (k * 9,)
+    resolution_m: F64
+    left: I32
+    low: I32
+    width: U32
+    height: U32
+    log_odds: I32Array  # (height * width,)
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class TransformReceived:
     """One transform of ROS's /tf or /tf_static: the child frame's pose in the parent frame."""
 
@@ -286,6 +309,7 @@ Event: TypeAlias = (
     | RadioStatus
     | RoundEnded
     | LinkNoise
+    | LoopsClosed
     | TransformReceived
     | LaserScanReceived
     | OdometryReceived
@@ -336,7 +360,7 @@ class Localized:
     """
 
     stamp_ns: I64  # of the pose: a sweep ends before its last bytes are read
-    phase: str  # checking, localized, lost
+    phase: str  # checking, localized, lost; while a map is made: mapping, unmatched
     x_m: F64
     y_m: F64
     yaw_rad: F64
@@ -346,6 +370,28 @@ class Localized:
     through_walls: U16
     unexplained: U16
     masked: U16  # on peers, left out
+
+
+@dataclass(frozen=True, slots=True)
+class LoopsDue:
+    """The map in the making has enough new keyframes: somebody outside shall close its loops."""
+
+    epoch: U32
+    keyframes: U32
+
+
+@dataclass(frozen=True, slots=True)
+class MapDrawn:
+    """The map in the making; its epoch goes up when loops are closed. Cells as in MapReceived."""
+
+    epoch: U32
+    keyframes: U32
+    width: U32
+    height: U32
+    resolution_m: F64
+    origin_x_m: F64
+    origin_y_m: F64
+    cells: I8Array  # (H * W,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -451,6 +497,8 @@ Effect: TypeAlias = (
     | Drive
     | PoseEstimated
     | Localized
+    | LoopsDue
+    | MapDrawn
     | RoundDecided
     | ClaimChanged
     | ConflictSeen

@@ -18,6 +18,7 @@ from hippomat_core.fleet import state as fleet_state
 from hippomat_core.fleet.progress import Progress
 from hippomat_core.fleet.radio_health import RadioHealth
 from hippomat_core.fleet.state import FleetState
+from hippomat_core.mapping import Charting, first_charting
 from hippomat_core.planning.field_cache import Fields
 from hippomat_core.planning.ground import Ground
 from hippomat_core.ros.feed import RosFeed
@@ -95,7 +96,8 @@ class State:
     fields: Fields = field(default_factory=lambda: Fields({}))
     scan: Scan | None = None
     sweeps: SteadyClock = field(default_factory=lambda: SteadyClock(SAMPLE_NS))
-    place: Localizer | None = None  # None: the odom frame is the map frame
+    place: Localizer | None = None  # in a saved map
+    charting: Charting | None = None  # a map in the making; with neither, the odom frame is the map frame
     navigator: Navigator = field(default_factory=Navigator)
     outcome: NavOutcome | None = None  # of the last tick that was allowed to move
     held: bool = False  # the guard slowed the last command
@@ -118,8 +120,8 @@ class State:
     def pose(self) -> Pose:
         if self.external_pose is not None:
             return self.external_pose
-        odom = self.odometry.pose
-        return odom if self.place is None else compose(self.place.map_from_odom, odom)
+        found = self.place or self.charting
+        return self.odometry.pose if found is None else compose(found.map_from_odom, self.odometry.pose)
 
     @property
     def steady_pose(self) -> Pose:
@@ -138,7 +140,7 @@ class State:
         """What `pose` comes from, for the log."""
         if self.external_pose is not None:
             return "ros"
-        return "odometry" if self.place is None else "slam"
+        return "slam" if self.place or self.charting else "odometry"
 
 
 def initial_state(config: Config, policy: bytes | None = None) -> State:
@@ -150,6 +152,7 @@ def initial_state(config: Config, policy: bytes | None = None) -> State:
         policy_hash=bytes.fromhex(read_policy(policy).hash) if policy is not None else b"",
         fleet=fleet_state.initial(config, allocator),
         odometry=Odometry(robot.start_x_m, robot.start_y_m, robot.start_yaw_rad),
+        charting=first_charting(config) if config.slam.mode == "map" else None,
     )
 
 

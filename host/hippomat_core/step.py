@@ -23,7 +23,7 @@ from hippomat_core.fleet.digest import fleet_digest
 from hippomat_core.fleet.hearing import heard_relay, heard_state, heard_tasks
 from hippomat_core.fleet.radio_health import judged
 from hippomat_core.fleet.state import FleetState
-from hippomat_core.localization import on_map, on_sweep
+from hippomat_core.localization import on_loops_closed, on_map, on_sweep
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import (
     BASE,
@@ -40,6 +40,7 @@ from hippomat_core.messages import (
     FrameSent,
     LaserScanReceived,
     LinkNoise,
+    LoopsClosed,
     MapReceived,
     OdometryReceived,
     PortLost,
@@ -243,6 +244,7 @@ _HANDLERS: dict[type, Callable[[State, Any], Stepped]] = {
     RadioStatus: _radio_status,
     RoundEnded: round_ended,
     LinkNoise: _link_noise,
+    LoopsClosed: on_loops_closed,
     TransformReceived: transform,
     LaserScanReceived: laser_scan,
     OdometryReceived: odometry_received,

@@ -26,6 +26,7 @@ from hippomat_core.messages import (
     Drive,
     Effect,
     Event,
+    LoopsDue,
     MapReceived,
     PortLost,
     PortOpened,
@@ -46,6 +47,7 @@ from hippomat_host.acceptance import hello_of, to_be_told
 from hippomat_host.fleet_view import FleetView
 from hippomat_host.happenings import Happening
 from hippomat_host.links import Link, now
+from hippomat_host.loop_solver import LoopSolver
 from hippomat_host.reactor import Reactor
 from hippomat_host.screen import REFRESH_S, Screen
 from hippomat_logs.recorder import RecorderStatus
@@ -88,7 +90,9 @@ class Daemon:
         screen: Screen,
         policy: bytes | None = None,
         grid: OccupancyGrid | None = None,
+        solver: LoopSolver | None = None,
     ) -> None:
+        self._solver = solver
         self._config, self._grid = config, grid
         self._map_epoch = 0
         self._links = {link.port: link for link in links}
@@ -154,6 +158,9 @@ class Daemon:
 
     def _tick(self, told: Happening) -> None:
         self._feed(Tick(told.stamp_ns))
+        answer = None if self._solver is None else self._solver.answer(told.stamp_ns)
+        if answer is not None:
+            self._feed(answer)
         if told.stamp_ns - self._shown_ns >= REFRESH_S * 1e9:
             self._shown_ns = told.stamp_ns
             self._show()
@@ -213,6 +220,8 @@ class Daemon:
             self._write(RADIO, encode_message(body))
         elif isinstance(effect, Drive):
             self._write(BASE, encode_velocity(effect.v_mps, effect.wz_radps))
+        elif isinstance(effect, LoopsDue) and self._solver is not None and self._state.charting is not None:
+            self._solver.ask(self._state.charting)
         elif isinstance(effect, AlarmRaised):
             self._screen.line(f"alarm {effect.code}: {effect.text}")
         elif isinstance(effect, AlarmCleared):

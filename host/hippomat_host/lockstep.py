@@ -5,11 +5,13 @@ One JSON line per happening, answered by {"ok": true} once the daemon has acted 
   {"at": ns, "do": "opened" | "lost", "port": "radio" | "base" | "lidar" | "ros"}  (also "device", "reason")
   {"at": ns, "do": "read", "port": ..., "bytes": n}      exactly n bytes from that port's real descriptor
   {"at": ns, "do": "event", "port": "ros"}               the next event of the ROS feed
+  {"at": ns, "do": "answer", "data": base64}             a recorded LoopsClosed
 The ports are real and are identified in real time before the socket is answered.
 """
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import select
@@ -19,11 +21,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hippomat_core.errors import HippomatError
-from hippomat_core.messages import PORT_NAMES, Event
+from hippomat_core.messages import PORT_NAMES, Event, LoopsClosed
 from hippomat_host.happenings import END, EVENT, LOST, MAP, OPENED, READ, START, TICK, Happening
 from hippomat_host.links import Link
 from hippomat_host.reactor import StopSignal, bring_up
 from hippomat_host.ros.links import FeedLink
+from hippomat_logs.schema import MessageStore
 
 READ_TIMEOUT_S = 20.0
 
@@ -39,6 +42,7 @@ class LockstepReactor:
         self._lines = self._socket.makefile("rb")
         self._unanswered = False
         self._first: Happening | None = None
+        self._store: MessageStore | None = None  # slow to build
 
     def begin(self) -> int:
         first = self._first = self.next()
@@ -77,6 +81,10 @@ class LockstepReactor:
     def _happening(self, instruction: dict[str, Any], at_ns: int, what: str) -> Happening:
         if what in (START, TICK, END):
             return Happening(at_ns, what)
+        if what == "answer":
+            self._store = self._store or MessageStore()
+            event = self._store.decode(LoopsClosed, base64.b64decode(instruction["data"]))
+            return Happening(at_ns, EVENT, event=event)
         if what == MAP:
             if not self._has_map:
                 raise HippomatError("lockstep: the run had a map: give --map")

@@ -46,6 +46,8 @@ examples:
       be robot 3
   hippomat-host --port /dev/ttyACM0 --fleet fleet.toml --robot 3
       the same, where one file says map, start poses and settings of the whole fleet
+  hippomat-host --port /dev/ttyACM0 --base /dev/ttyACM1 --lidar /dev/ttyUSB0 --slam
+      make a map while the robot is pushed about; hippomat-logs map saves it
   hippomat-host --port /dev/ttyACM0 --ros ws://localhost:9090 --robot 3
       be robot 3 on a robot that runs ROS: map, pose, lidar and base are ROS's
 
@@ -99,6 +101,11 @@ def parser() -> Parser:
         help="the map that the whole fleet shares: a map_server YAML, a recording (lab.bag:/map, run.mcap@30)"
         " or a rosbridge (ws://HOST:9090)",
     )
+    robot.add_argument(
+        "--slam",
+        action="store_true",
+        help="find the place in the map by lidar (the default where there is a map); without --map: make one",
+    )
     robot.add_argument("--robot", metavar="N", type=int, help="this robot's id; without one it only observes")
     robot.add_argument(
         "--allocator",
@@ -136,6 +143,10 @@ def config_of(args: argparse.Namespace) -> Config:
     )
     if args.policy is not None:
         _check_policy(args.policy, config.fleet.allocator)
+    if config.slam.mode == "map" and _map_of(args):
+        raise ConfigError(
+            f'[slam] mode = "map" makes a new map: leave out {_map_of(args)}, or set mode = "auto"'
+        )
     return config
 
 
@@ -154,7 +165,7 @@ def roster_of(args: argparse.Namespace) -> Roster | None:
 
 def _said(args: argparse.Namespace) -> Tree:
     """What the command line itself says."""
-    tree: Tree = {"robot": {}, "fleet": {}, "log": {}, "ros": {}}
+    tree: Tree = {"robot": {}, "fleet": {}, "log": {}, "ros": {}, "slam": {}}
     if args.robot is not None:
         tree["robot"]["id"] = args.robot
     if args.start is not None:
@@ -169,6 +180,8 @@ def _said(args: argparse.Namespace) -> Tree:
         tree["log"]["enabled"] = False
     if args.ros is not None:
         tree["ros"]["url"] = args.ros
+    if args.slam:
+        tree["slam"]["mode"] = "auto" if _map_of(args) else "map"
     return tree
 
 

@@ -25,10 +25,11 @@ from hippomat_host.faults import as_error
 from hippomat_host.guard_link import GuardLink
 from hippomat_host.links import Link, SerialLink
 from hippomat_host.lockstep import LockstepReactor
+from hippomat_host.loop_solver import LoopSolver
 from hippomat_host.reactor import Reactor, RealReactor, StopSignal
 from hippomat_host.ros.links import FeedLink, RosBaseLink
 from hippomat_host.screen import Screen, screen_for
-from hippomat_host.warm_up import prepare_allocator, prepare_localizer
+from hippomat_host.warm_up import prepare_allocator, prepare_localizer, prepare_mapper
 from hippomat_logs.manifest import new_session_id, run_manifest
 from hippomat_logs.map_sources import map_from
 from hippomat_logs.policy_files import policy_name, policy_of
@@ -48,6 +49,8 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
     prepare_allocator(config.fleet, policy, partial(print, flush=True))
     if grid is not None and config.slam.mode == "auto" and not given.observes:
         prepare_localizer(partial(print, flush=True))
+    if config.slam.mode == "map":
+        prepare_mapper(partial(print, flush=True))
     links = make_links(config, given)
     try:
         with StopSignal() as stop, closing_all(links):
@@ -117,7 +120,9 @@ def _run(
     stamp_ns = reactor.begin()
     recording = _recording(config, given, stamp_ns, policy, grid, lossless=lockstep is not None)
     screen = screen_for(given)
-    daemon = Daemon(config, links, recording, screen, policy, grid)
+    mapping = config.slam.mode == "map" and lockstep is None  # a replay has the recorded answers
+    solver = LoopSolver() if mapping else None
+    daemon = Daemon(config, links, recording, screen, policy, grid, solver)
     _welcome(screen, given, config, policy)
     fault: Exception | None = None
     reason = ""
@@ -126,6 +131,8 @@ def _run(
     except Exception as error:
         fault = error
     log = daemon.stop()
+    if solver is not None:
+        solver.close()
     screen.line(f"stopped{f' ({reason})' if reason else ''}; motors first")
     if log.file:
         lost = f", {log.lost} LOST" if log.lost else ""
@@ -143,7 +150,9 @@ def _welcome(screen: Screen, given: Given, config: Config, policy: bytes | None)
     if given.missing and not sys.stdout.isatty():  # the live table keeps showing it
         screen.line(f"missing: {', '.join(given.missing)}")
         screen.line(f"next: {given.next_command()}")
-    if not given.observes:
+    if config.slam.mode == "map":
+        screen.line("mapping: move the robot about by hand; then hippomat-logs map LOG -o MAP.yaml")
+    elif not given.observes:
         screen.line(f"allocator: {allocator_line(config.fleet, policy)}")
 
 

@@ -14,6 +14,7 @@ from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.warm_up import warm_up
 from hippomat_core.config import FleetConfig
 from hippomat_core.slam import warm_up as slam
+from hippomat_core.slam.mapper_warm_up import warm_up_mapper
 from hippomat_logs.policy_files import naming, policy_name
 
 PATIENCE_S = 1.0
@@ -31,6 +32,12 @@ def prepare_localizer(say: Callable[[str], None]) -> None:
     """Says so if it takes long."""
     with told_if_slow("compiling the localizer", say):
         slam.warm_up()
+
+
+def prepare_mapper(say: Callable[[str], None]) -> None:
+    """Says so if it takes long."""
+    with told_if_slow("compiling the mapper", say):
+        warm_up_mapper()
 
 
 @contextlib.contextmanager

@@ -6,6 +6,7 @@ recorded one. Knows the daemon's lockstep protocol (hippomat_host/lockstep.py), 
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import json
 import socket
@@ -26,12 +27,12 @@ from hippomat_logs.records import FROM_DEVICE, RUNNING, SerialRecord
 from hippomat_logs.report import FAILED, OK, Divergence, LevelResult
 from hippomat_logs.ros.fake_rosbridge import FakeRosbridge
 from hippomat_logs.ros.topics import FROM_ROS, is_of_ros, topic_of, topics_of
-from hippomat_logs.schema import EFFECTS, EVENTS
+from hippomat_logs.schema import EFFECTS, EVENTS, MessageStore
 
 ANSWER_S = 30.0
 START_S = 60.0
 PROGRESS_STEP = 500
-TOLD = (SerialRecord, m.Started, m.MapReceived, m.Tick, m.PortOpened, m.PortLost, *FROM_ROS)
+TOLD = (SerialRecord, m.Started, m.MapReceived, m.Tick, m.PortOpened, m.PortLost, m.LoopsClosed, *FROM_ROS)
 
 
 def replay_in_daemon(run: Run, exact: bool, progress: Callable[[str, int], None]) -> LevelResult:
@@ -42,10 +43,13 @@ def replay_in_daemon(run: Run, exact: bool, progress: Callable[[str, int], None]
         return compare_runs(run, again, exact)
 
 
-def instruction(message: Any, ros: RosConfig) -> dict[str, Any] | None:
+def instruction(message: Any, ros: RosConfig, store: MessageStore) -> dict[str, Any] | None:
     """What the daemon is told for one record; None for what it does by itself."""
     if is_of_ros(message, ros):
         return {"at": message.stamp_ns, "do": "event", "port": m.PORT_NAMES[m.ROS]}
+    if isinstance(message, m.LoopsClosed):  # the daemon's solver takes its time, and so is not asked again
+        data = base64.b64encode(store.encode(message)).decode()
+        return {"at": message.stamp_ns, "do": "answer", "data": data}
     if isinstance(message, SerialRecord):
         if (message.direction, message.phase) != (FROM_DEVICE, RUNNING) or not message.data:
             return None
@@ -132,7 +136,7 @@ def _instruct(
         _wait_for_subscriptions(bridge, run.config.ros)
     last_ns = done = 0
     for record in run.records_in_order(TOLD):
-        told = instruction(record.message, run.config.ros)
+        told = instruction(record.message, run.config.ros, run.store)
         if told is None:
             continue
         if isinstance(record.message, SerialRecord):

@@ -11,11 +11,11 @@ from typing import NoReturn
 
 from rich.console import Console
 
-from hippomat_core.errors import HippomatError
+from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_sim.fleet_run import FleetRun, RunResult, require_linux
 from hippomat_sim.maps import find_demo_map
 from hippomat_sim.run_logs import completions, log_files
-from hippomat_sim.run_settings import RunSettings
+from hippomat_sim.run_settings import Carried, RunSettings
 from hippomat_sim.views import view_for
 from hippomat_sim.world import WALL
 
@@ -70,6 +70,13 @@ def _parser() -> argparse.ArgumentParser:
         "--resolution", type=float, default=0.05, metavar="M", help="of a bare image: metres per pixel (0.05)"
     )
     demo.add_argument("--map", type=Path, help="ROS map; default: the turtlebot3 world, else our own room")
+    run.add_argument(
+        "--carry",
+        action="append",
+        default=[],
+        metavar="S:N:X,Y,YAW",
+        help="after S seconds somebody carries robot N there (metres, radians); may be given again",
+    )
     for command in (run, demo):
         _add_run_options(command)
     return parser
@@ -115,7 +122,17 @@ def _settings(options: argparse.Namespace) -> RunSettings:
         sealed=options.sealed,
         slam=options.slam,
         resolution_m=getattr(options, "resolution", 0.05),
+        carried=tuple(_carried(text) for text in getattr(options, "carry", [])),
     )
+
+
+def _carried(text: str) -> Carried:
+    try:
+        at, robot, place = text.split(":")
+        x_m, y_m, yaw_rad = (float(part) for part in place.split(","))
+        return Carried(float(at), int(robot), (x_m, y_m, yaw_rad))
+    except ValueError:
+        raise ConfigError(f"--carry {text!r} is not S:N:X,Y,YAW, e.g. 20:1:2.0,1.5,0.5") from None
 
 
 def _say_where(result: RunResult, settings: RunSettings, console: Console) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import math
 import os
 import signal
 import time
@@ -104,6 +105,8 @@ class FleetRun:
         self._slipped_us = 0
         self._next_view_s = 0.0
         self._emitted_ns: list[int] = []  # when each row of the truth was made
+        self._to_carry = sorted(settings.carried, key=lambda one: one.at_s)
+        self._began_s = math.inf
 
     def execute(self) -> RunResult:
         """Run to the end; raises HippomatError where the fleet does not get under way."""
@@ -164,7 +167,7 @@ class FleetRun:
         )
 
     def _drive(self) -> float:
-        began_s = self._now_s()
+        began_s = self._began_s = self._now_s()
         seconds = self.settings.seconds
         if not self.interrupted:
             self._view.phase("running", began_s, seconds)
@@ -216,6 +219,10 @@ class FleetRun:
     def _advance(self, now_us: int) -> None:
         """The devices write what happened up to now_us; a world that is late tells it late."""
         self.simulation.advance(now_us)
+        while self._to_carry and now_us / 1e6 - self._began_s >= self._to_carry[0].at_s:
+            one = self._to_carry.pop(0)
+            self.simulation.carry(one.robot, one.pose)
+            self._view.note(f"robot {one.robot} was carried elsewhere")
         new = len(self.simulation.truth) - len(self._emitted_ns)
         self._emitted_ns += [time.monotonic_ns()] * new
 

@@ -12,6 +12,15 @@ from hippomat_core.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True)
+class Carried:
+    """At this time of the run somebody puts the robot there (map frame)."""
+
+    at_s: float
+    robot: int
+    pose: tuple[float, float, float]  # x, y [m], yaw [rad]
+
+
+@dataclass(frozen=True, slots=True)
 class RunSettings:
     """The command line of `hippomat-sim run`, one to one. speed_mps None: as configured."""
 
@@ -29,6 +38,7 @@ class RunSettings:
     sealed: bool = False  # the fleet has a key
     slam: bool | None = None  # localize in the map, or trust the wheels; None: as configured
     resolution_m: float = 0.05  # of a map that is an image without a description
+    carried: tuple[Carried, ...] = ()
 
 
 def checked(settings: RunSettings) -> RunSettings:
@@ -45,6 +55,9 @@ def checked(settings: RunSettings) -> RunSettings:
     for option, value, low, high in ranges:
         if not low <= value <= high:
             raise ConfigError(f"{option} {value} is outside {low} .. {high}")
+    for one in settings.carried:
+        if not 0 <= one.robot < settings.robots:
+            raise ConfigError(f"--carry: robot {one.robot} is not one of 0 .. {settings.robots - 1}")
     if settings.out.exists() and (not settings.out.is_dir() or any(settings.out.iterdir())):
         raise ConfigError(f"--out {settings.out} is not an empty directory; name a new one")
     return settings

@@ -66,6 +66,7 @@ class LidarWorld:
     start: tuple[float, float, float] | None
     seed: int = 0
     told: OccupancyGrid | None = None
+    maps: bool = True  # the robot is given a map at all
     wheel_scale: tuple[float, float] = (1.02, 0.98)  # odometry over- and underestimates by this
     wheel_noise: float = 0.02
     things: list[tuple[float, float, float]] = field(default_factory=list)  # x, y, radius: people, boxes
@@ -86,7 +87,8 @@ class LidarWorld:
         self.found: list[tuple[Localized, tuple[float, float, float]]] = []  # and the truth at its stamp
         self.truth = [(0, *self.pose)]
         self.feed(Started(0))
-        self.feed(map_event(self.told or self.grid, 0))
+        if self.maps:
+            self.feed(map_event(self.told or self.grid, 0))
         self.feed(PortOpened(0, BASE, "base"))
         self.feed(PortOpened(0, LIDAR, "lidar"))
 
