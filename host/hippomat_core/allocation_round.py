@@ -92,13 +92,14 @@ def _with_fields(state: State, ground: Ground) -> State:
     """A distance field for every open task and for the destination of our claim."""
     tasks, claim = state.fleet.tasks, state.fleet.own_claim
     positions_m = tasks.positions_m()
-    wanted = {
-        (slot, int(tasks.generations[slot])): (float(positions_m[slot, 0]), float(positions_m[slot, 1]))
+    grid = ground.costmap.grid
+    goals = {
+        (slot, int(tasks.generations[slot])): grid.cell_of(*positions_m[slot, :2].tolist())
         for slot in np.flatnonzero(tasks.states != INACTIVE).tolist()
     }
     if claim is not None:
-        wanted[claim.id.task] = claim.destination_m[:2]
-    return replace(state, fields=state.fields.with_tasks(ground, wanted))
+        goals[claim.id.task] = grid.cell_of(*claim.destination_m[:2])
+    return replace(state, fields=state.fields.with_goals(ground.costmap.graph, goals, grid.resolution_m))
 
 
 def _travel_costs_s(state: State, ground: Ground, place_m: tuple[float, float]) -> NDArray[np.float64]:
@@ -185,7 +186,7 @@ def _own_inputs(
         x_cm=_centimetres(x_m),
         y_cm=_centimetres(y_m),
         yaw_256=round(yaw_rad / math.tau * 256) % 256,
-        speed_2cmps=min(round(abs(state.odometry.v_mps) * 50), 255),
+        speed_2cmps=min(round(abs(state.velocity[0]) * 50), 255),
         status=IDLE if localized else LOST,
         flags=flags,
         intent=_intent(state),
@@ -204,5 +205,5 @@ def _intent(state: State) -> Intent:
     if state.ground is None:
         return Intent()
     grid = state.ground.costmap.grid
-    ix, iy = grid.cell_of(state.odometry.x_m, state.odometry.y_m)
+    ix, iy = grid.cell_of(*state.pose[:2])
     return Intent(min(max(ix, 0), grid.width - 1), min(max(iy, 0), grid.height - 1))

@@ -141,6 +141,62 @@ class GuardConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class SlamConfig:
+    """Where the robot is: from its lidar and a saved map, or from its wheels alone."""
+
+    mode: str = choice("auto", "auto", "odometry", "map")  # auto: localize in the map; map: make one
+    score_min: float = number(0.65, 0.1, 1.0)  # share of a scan's evidence that must speak for the pose
+    lost_after_s: float = number(1.5, 0.2, 30.0)  # without a scan that fits
+    lost_radius_m: float = number(0.5, 0.05, 10.0)  # 95 % of the pose's error; beyond it, it is not known
+    odometry_noise_m: float = number(0.04, 0.001, 1.0)  # standard deviation after one metre
+    odometry_noise_rad: float = number(0.06, 0.001, 1.0)  # after one radian turned, or one metre driven
+
+
+@dataclass(frozen=True, slots=True)
+class RosConfig:
+    """ROS through rosbridge (docs/ros.md); what has a serial port or a file of its own is not ROS's."""
+
+    url: str = ""  # ws://HOST:9090; "": no ROS
+    map: bool = True  # /map is the fleet's map
+    pose: bool = True  # /tf says where the robot is
+    lidar: bool = True  # /scan
+    base: bool = True  # /cmd_vel drives
+    map_topic: str = "/map"
+    scan_topic: str = "/scan"
+    odom_topic: str = "/odom"  # measured speed; "": from /tf
+    tf_topic: str = "/tf"
+    tf_static_topic: str = "/tf_static"
+    cmd_vel_topic: str = "/cmd_vel"
+    cmd_vel_type: str = choice("Twist", "Twist", "TwistStamped")
+    cmd_vel_hz: float = number(20.0, 5.0, 100.0)
+    map_frame: str = "map"
+    base_frame: str = "base_link"  # turns in place about its origin
+    encoding: str = choice("cbor-raw", "cbor-raw", "json")
+    pose_timeout_s: float = number(0.5, 0.1, 10.0)  # age of odom -> base
+    localization_timeout_s: float = number(3.0, 0.1, 600.0)  # age of map -> odom
+
+    @property
+    def maps(self) -> bool:
+        """The map comes from ROS."""
+        return bool(self.url) and self.map
+
+    @property
+    def localizes(self) -> bool:
+        """The pose comes from ROS."""
+        return bool(self.url) and self.pose
+
+    @property
+    def scans(self) -> bool:
+        """The lidar is ROS's."""
+        return bool(self.url) and self.lidar
+
+    @property
+    def drives(self) -> bool:
+        """The base is ROS's."""
+        return bool(self.url) and self.base
+
+
+@dataclass(frozen=True, slots=True)
 class LogConfig:
     """Recording; part files rotate by size."""
 
@@ -161,6 +217,8 @@ class Config:
     recovery: RecoveryConfig = RecoveryConfig()
     planning: PlanningConfig = PlanningConfig()
     guard: GuardConfig = GuardConfig()
+    slam: SlamConfig = SlamConfig()
+    ros: RosConfig = RosConfig()
     log: LogConfig = LogConfig()
 
 
@@ -208,6 +266,15 @@ def _check_together(config: Config, name: str) -> None:
         raise ConfigError(
             f"{name}: [fleet] size = {fleet.size} does not fit on the air in rounds of {fleet.round_s} s: "
             f"set round_s = {least_ms / 1000} or more"
+        )
+    if config.ros.url and not config.ros.url.startswith(("ws://", "wss://")):
+        raise ConfigError(
+            f"{name}: [ros] url = {config.ros.url!r} is no rosbridge address: give ws://HOST:9090"
+        )
+    if config.ros.drives and not config.ros.pose:
+        raise ConfigError(
+            f"{name}: [ros] base = true needs pose = true: a base behind ROS tells where it is as /tf, "
+            "or give --base DEV"
         )
     body_m = robot.radius_m + config.guard.margin_m
     if planning.inflation_radius < body_m:

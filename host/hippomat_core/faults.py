@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from hippomat_core.messages import BASE, LIDAR, RADIO, AlarmCleared, AlarmRaised, Effect
 from hippomat_core.reactions import BY_CODE
+from hippomat_core.ros.intake import base_silent, not_localized, text_for
 from hippomat_core.state import State
 
 STARTUP_NS = 4_000_000_000  # devices come up one after the other: no alarm before
@@ -32,18 +33,23 @@ def with_faults(state: State, now_ns: int, effects: list[Effect]) -> State:
 
 
 def _text(state: State, code: str) -> str:
-    return state.stop.text if code == "stop" else BY_CODE[code].text
+    if code == "no_map" and state.charting is not None:
+        return (
+            "a map is being made: push the robot, or drive it with something else; it does not drive itself"
+        )
+    if code == "not_localized" and state.place is not None:
+        return state.place.why
+    return state.stop.text if code == "stop" else text_for(state, code) or BY_CODE[code].text
 
 
 def _faults(state: State, now_ns: int) -> list[str]:
-    config, odometry = state.config, state.odometry
-    base_silent = odometry.last is None or now_ns - odometry.stamp_ns > BASE_SILENT_NS
+    config, place = state.config, state.place
     scan_ns = None if state.scan is None else now_ns - state.scan.stamp_ns
     holds = {
         "no_map": state.ground is None,
-        "base_lost": not state.ports[BASE] or base_silent,
+        "base_lost": not state.ports[BASE] or base_silent(state, now_ns, BASE_SILENT_NS),
         "lidar_lost": not state.ports[LIDAR] or scan_ns is None or scan_ns > config.lidar.timeout_s * 1e9,
-        "not_localized": not config.robot.start_known,
+        "not_localized": not_localized(state, now_ns) if place is None else not place.localized,
         "radio_lost": not state.ports[RADIO] or now_ns - state.radio_heard_ns > RADIO_SILENT_NS,
         "stop": state.stop.latched,
     }

@@ -15,22 +15,25 @@ from hippomat_core.fields import (
     F64,
     I8,
     I16,
+    I32,
     I64,
     U8,
     U16,
     U32,
     U64,
     F32Array,
+    F64Array,
     I8Array,
     I16Array,
+    I32Array,
     U8Array,
     U16Array,
     U32Array,
 )
 from hippomat_core.wire.frames import Header, RelayFrame, StateFrame, StopFrame, TasksFrame
 
-RADIO, BASE, LIDAR = 0, 1, 2  # ports
-PORT_NAMES = ("radio", "base", "lidar")
+RADIO, BASE, LIDAR, ROS = 0, 1, 2, 3  # ports; ROS is no serial one, and may stand in for base and lidar
+PORT_NAMES = ("radio", "base", "lidar", "ros")
 INFO, WARNING, ERROR = 0, 1, 2  # alarm levels
 
 
@@ -226,6 +229,70 @@ class LinkNoise:
     bad_checksums: U32
 
 
+@dataclass(frozen=True, slots=True)
+class LoopsClosed:
+    """A solver outside the core answered to LoopsDue: poses, loop links, the map anew (slam/solution.py)."""
+
+    stamp_ns: I64
+    epoch: U32
+    searched: U32  # keyframes whose loops were looked for
+    poses: F64Array  # (n * 3,) of the first n keyframes; empty: there is no answer, `text` says why
+    loop_first: I32Array  # (k,)
+    loop_second: I32Array  # (k,)
+    loop_motion: F64Array  # (k * 3,)
+    loop_information: F64Array  # (k * 9,)
+    resolution_m: F64
+    left: I32
+    low: I32
+    width: U32
+    height: U32
+    log_odds: I32Array  # (height * width,)
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class TransformReceived:
+    """One transform of ROS's /tf or /tf_static: the child frame's pose in the parent frame."""
+
+    stamp_ns: I64
+    ros_ns: I64  # its header's stamp, ROS's clock
+    parent: str
+    child: str
+    fixed: bool  # of /tf_static: holds for ever
+    x_m: F64
+    y_m: F64
+    z_m: F64
+    qx: F64
+    qy: F64
+    qz: F64
+    qw: F64
+
+
+@dataclass(frozen=True, slots=True)
+class LaserScanReceived:
+    """A sensor_msgs/LaserScan without its intensities, in `frame`; angles count counter-clockwise."""
+
+    stamp_ns: I64
+    ros_ns: I64  # of the first ray, ROS's clock
+    frame: str
+    angle_min_rad: F64
+    angle_increment_rad: F64
+    time_increment_s: F64  # between rays
+    range_min_m: F64
+    range_max_m: F64
+    ranges_m: F32Array  # (n,) inf: no return
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryReceived:
+    """The measured speed of a nav_msgs/Odometry, base frame; its pose is a transform as well."""
+
+    stamp_ns: I64
+    ros_ns: I64
+    v_mps: F64
+    wz_radps: F64
+
+
 Event: TypeAlias = (
     Started
     | MapReceived
@@ -242,6 +309,10 @@ Event: TypeAlias = (
     | RadioStatus
     | RoundEnded
     | LinkNoise
+    | LoopsClosed
+    | TransformReceived
+    | LaserScanReceived
+    | OdometryReceived
 )
 
 
@@ -302,7 +373,49 @@ class PoseEstimated:
     yaw_rad: F64
     v_mps: F64
     wz_radps: F64
-    source: str  # odometry, slam
+    source: str  # odometry, slam, ros
+
+
+@dataclass(frozen=True, slots=True)
+class Localized:
+    """What one sweep says of where the robot is in the map; its pose near the sweep's end (map frame).
+
+    covariance: (9,) row by row, of x, y [m] and yaw [rad]. The counts are of the sweep's returns.
+    """
+
+    stamp_ns: I64  # of the pose: a sweep ends before its last bytes are read
+    phase: str  # checking, localized, lost; while a map is made: mapping, unmatched
+    x_m: F64
+    y_m: F64
+    yaw_rad: F64
+    score: F64  # 0 .. 1
+    covariance: F64Array
+    on_walls: U16
+    through_walls: U16
+    unexplained: U16
+    masked: U16  # on peers, left out
+
+
+@dataclass(frozen=True, slots=True)
+class LoopsDue:
+    """The map in the making has enough new keyframes: somebody outside shall close its loops."""
+
+    epoch: U32
+    keyframes: U32
+
+
+@dataclass(frozen=True, slots=True)
+class MapDrawn:
+    """The map in the making; its epoch goes up when loops are closed. Cells as in MapReceived."""
+
+    epoch: U32
+    keyframes: U32
+    width: U32
+    height: U32
+    resolution_m: F64
+    origin_x_m: F64
+    origin_y_m: F64
+    cells: I8Array  # (H * W,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -409,6 +522,9 @@ Effect: TypeAlias = (
     | GuardLimited
     | RecoveryChanged
     | PoseEstimated
+    | Localized
+    | LoopsDue
+    | MapDrawn
     | RoundDecided
     | ClaimChanged
     | ConflictSeen

@@ -19,8 +19,15 @@ from hippomat_core.fleet import state as fleet_state
 from hippomat_core.fleet.progress import Progress
 from hippomat_core.fleet.radio_health import RadioHealth
 from hippomat_core.fleet.state import FleetState
-from hippomat_core.planning.ground import Fields, Ground
+from hippomat_core.mapping import Charting, first_charting
+from hippomat_core.planning.field_cache import Fields
+from hippomat_core.planning.ground import Ground
+from hippomat_core.ros.feed import RosFeed
+from hippomat_core.slam.localizer import Localizer
 from hippomat_core.slam.odometry import Odometry
+from hippomat_core.slam.pose2 import Pose, compose
+from hippomat_core.slam.steady_clock import SteadyClock
+from hippomat_core.slam.sweep import SAMPLE_NS
 from hippomat_core.wire.frames import FLAG_STOPPED, LAST_STOP, Header, StateFrame
 
 NEVER = -(10**18)
@@ -28,14 +35,14 @@ NEVER = -(10**18)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """The latest sweep's returns in the base frame, and the pose (map frame) they were taken at.
+    """The latest sweep's returns in the base frame, and the pose (State.steady_pose) they were taken at.
 
     With them, points of earlier sweeps that the robot came too near to for the lidar to see them still.
     """
 
     stamp_ns: int
     points: Points  # (n, 2) [m]
-    pose: tuple[float, float, float]  # x [m], y [m], yaw [rad]
+    pose: Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +82,7 @@ class Stop:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """The robot. Poses in the map frame (x east, y north)."""
+    """The robot. `pose` is in the map frame (x east, y north); odometry and scan are in the odom frame."""
 
     config: Config
     policy_hash: bytes
@@ -83,11 +90,15 @@ class State:
     odometry: Odometry
     started_ns: int = NEVER
     ports: tuple[bool, bool, bool] = (False, False, False)  # radio, base, lidar
+    ros: RosFeed = field(default_factory=RosFeed)
     radio: RadioHealth = field(default_factory=RadioHealth)
     radio_heard_ns: int = NEVER  # its last status
     ground: Ground | None = None
     fields: Fields = field(default_factory=lambda: Fields({}))
     scan: Scan | None = None
+    sweeps: SteadyClock = field(default_factory=lambda: SteadyClock(SAMPLE_NS))
+    place: Localizer | None = None  # in a saved map
+    charting: Charting | None = None  # a map in the making; with neither, the odom frame is the map frame
     navigator: Navigator = field(default_factory=Navigator)
     outcome: NavOutcome | None = None  # of the last tick that was allowed to move
     held: bool = False  # the guard slowed the last command
@@ -104,8 +115,35 @@ class State:
         return self.config.robot.id < 0
 
     @property
-    def pose(self) -> tuple[float, float, float]:
-        return self.odometry.x_m, self.odometry.y_m, self.odometry.yaw_rad
+    def external_pose(self) -> Pose | None:
+        """Where a localization outside says the robot is; faults.py judges its age."""
+        return self.ros.pose if self.config.ros.localizes else None
+
+    @property
+    def pose(self) -> Pose:
+        if self.external_pose is not None:
+            return self.external_pose
+        found = self.place or self.charting
+        return self.odometry.pose if found is None else compose(found.map_from_odom, self.odometry.pose)
+
+    @property
+    def steady_pose(self) -> Pose:
+        """A pose that drifts but never jumps: what lies between two scans and the guard."""
+        return self.odometry.pose if self.external_pose is None else self.ros.odom
+
+    @property
+    def velocity(self) -> tuple[float, float]:
+        """Measured (v [m/s], wz [rad/s]), base frame."""
+        if self.external_pose is not None:
+            return self.ros.velocity
+        return self.odometry.v_mps, self.odometry.wz_radps
+
+    @property
+    def pose_source(self) -> str:
+        """What `pose` comes from, for the log."""
+        if self.external_pose is not None:
+            return "ros"
+        return "slam" if self.place or self.charting else "odometry"
 
 
 def initial_state(config: Config, policy: bytes | None = None) -> State:
@@ -117,6 +155,7 @@ def initial_state(config: Config, policy: bytes | None = None) -> State:
         policy_hash=bytes.fromhex(read_policy(policy).hash) if policy is not None else b"",
         fleet=fleet_state.initial(config, allocator),
         odometry=Odometry(robot.start_x_m, robot.start_y_m, robot.start_yaw_rad),
+        charting=first_charting(config) if config.slam.mode == "map" else None,
     )
 
 

@@ -17,11 +17,13 @@ from hippomat_core.allocation_round import round_ended
 from hippomat_core.control.guard import carried_along, hidden_points, is_whole, scan_points
 from hippomat_core.control.nav_state import STANDING
 from hippomat_core.control.navigator import forget_path
+from hippomat_core.errors import HippomatError
 from hippomat_core.fleet import state as fleet_state
 from hippomat_core.fleet.digest import fleet_digest
 from hippomat_core.fleet.hearing import heard_relay, heard_state, heard_tasks
 from hippomat_core.fleet.radio_health import judged
 from hippomat_core.fleet.state import FleetState
+from hippomat_core.localization import on_loops_closed, on_map, on_sweep
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import (
     BASE,
@@ -29,14 +31,18 @@ from hippomat_core.messages import (
     LIDAR,
     PORT_NAMES,
     RADIO,
+    ROS,
     WARNING,
     AlarmRaised,
     BaseFeedback,
     Effect,
     Event,
     FrameSent,
+    LaserScanReceived,
     LinkNoise,
+    LoopsClosed,
     MapReceived,
+    OdometryReceived,
     PortLost,
     PortOpened,
     RadioStatus,
@@ -48,8 +54,12 @@ from hippomat_core.messages import (
     StopHeard,
     TasksHeard,
     Tick,
+    TransformReceived,
 )
-from hippomat_core.planning.ground import Fields, ground_of
+from hippomat_core.planning.field_cache import Fields
+from hippomat_core.planning.ground import Ground, ground_of
+from hippomat_core.planning.map_change import path_holds
+from hippomat_core.ros.intake import laser_scan, odometry_received, ros_lost, ros_opened, transform
 from hippomat_core.slam.odometry import moved
 from hippomat_core.state import Scan, State, initial_state, merged_stop
 from hippomat_core.tick import tick
@@ -74,6 +84,15 @@ def _started(state: State, event: Started) -> Stepped:
 
 
 def _map_received(state: State, event: MapReceived) -> Stepped:
+    if not state.config.ros.maps:
+        return _with_map(state, event)
+    try:  # it came while the robot runs: what cannot be used is refused, and the map before it holds
+        return _with_map(state, event)
+    except HippomatError as error:
+        return state, (AlarmRaised(WARNING, "map_refused", f"the map from ROS is not used: {error}"),)
+
+
+def _with_map(state: State, event: MapReceived) -> Stepped:
     cells = event.cells.reshape(event.height, event.width)
     grid = OccupancyGrid(cells, event.resolution_m, event.origin_x_m, event.origin_y_m)
     ground = ground_of(grid, event.epoch, state.config)
@@ -81,12 +100,27 @@ def _map_received(state: State, event: MapReceived) -> Stepped:
     weights = b"" if state.config.fleet.policy_per_robot else state.policy_hash
     digest = fleet_digest(state.config.fleet, ground.c_max_s, grid.hash() + sites, weights)
     fleet, effects = fleet_state.with_map(state.fleet, event.stamp_ns, ground.sites, digest)
-    navigator = forget_path(state.navigator)
-    state = replace(state, ground=ground, fleet=fleet, fields=Fields({}), navigator=navigator, outcome=None)
-    return state, tuple(effects)
+    state = replace(_with_ground(state, ground), fleet=fleet)
+    return on_map(state, ground, event.stamp_ns), tuple(effects)
+
+
+def _with_ground(state: State, ground: Ground) -> State:
+    """What was planned on the old map and holds on the new one is kept: fields, and the path being driven.
+
+    A way that the new map opens is found when the next path is planned.
+    """
+    old, fields, navigator, outcome = state.ground, Fields({}), forget_path(state.navigator), None
+    if old is not None and ground.costmap.grid.lies_as(old.costmap.grid):
+        fields = state.fields.with_space(old.costmap.graph, ground.costmap.graph)
+        path = state.navigator.path
+        if path is not None and path_holds(ground.costmap.graph, path):
+            navigator, outcome = state.navigator, state.outcome
+    return replace(state, ground=ground, fields=fields, navigator=navigator, outcome=outcome)
 
 
 def _port_opened(state: State, event: PortOpened) -> Stepped:
+    if event.port == ROS:
+        return ros_opened(state), ()
     state = _with_port(state, event.port, True)
     if event.port == RADIO:
         fleet = replace(state.fleet, clock=state.fleet.clock.new_radio())
@@ -97,6 +131,8 @@ def _port_opened(state: State, event: PortOpened) -> Stepped:
 
 
 def _port_lost(state: State, event: PortLost) -> Stepped:
+    if event.port == ROS:
+        return ros_lost(state), ()
     state = _with_port(state, event.port, False)
     if event.port == BASE:  # the motor guard stops it: whoever comes back starts from standing
         standing = replace(state.navigator, drive=STANDING)
@@ -118,14 +154,18 @@ def _base_feedback(state: State, event: BaseFeedback) -> Stepped:
 
 
 def _scan_received(state: State, event: ScanReceived) -> Stepped:
+    state = replace(state, sweeps=state.sweeps.after(event.stamp_ns, max(len(event.angle_q6), 1)))
     if not is_whole(event):
         return state, ()
     lidar, last = state.config.lidar, state.scan
     points = scan_points(event, lidar)
     if last is not None:
-        before = carried_along(last.points, last.pose, state.pose)
+        before = carried_along(last.points, last.pose, state.steady_pose)
         points = np.concatenate([hidden_points(before, lidar), points])
-    return replace(state, scan=Scan(event.stamp_ns, points, state.pose)), ()
+    state = replace(state, scan=Scan(event.stamp_ns, points, state.steady_pose))
+    effects: list[Effect] = []
+    state = on_sweep(state, event, effects)
+    return state, tuple(effects)
 
 
 def _awake(state: State, event: StateHeard | RelayHeard | TasksHeard) -> FleetState:
@@ -204,4 +244,8 @@ _HANDLERS: dict[type, Callable[[State, Any], Stepped]] = {
     RadioStatus: _radio_status,
     RoundEnded: round_ended,
     LinkNoise: _link_noise,
+    LoopsClosed: on_loops_closed,
+    TransformReceived: transform,
+    LaserScanReceived: laser_scan,
+    OdometryReceived: odometry_received,
 }

@@ -17,6 +17,7 @@ from hippomat_core.control.nav_state import STANDING, NavOutcome
 from hippomat_core.control.navigator import navigate
 from hippomat_core.control.recovery import DRIVE
 from hippomat_core.faults import with_faults
+from hippomat_core.localization import on_tick
 from hippomat_core.messages import BASE, Drive, Effect, GuardLimited, PathPlanned, PoseEstimated, Tick
 from hippomat_core.planning.reservations import PeerMotion, peer_motion
 from hippomat_core.reactions import BY_CODE, Permissions, permissions
@@ -29,13 +30,13 @@ def tick(state: State, event: Tick) -> Stepped:
     """One control step: at most one round end, exactly one drive command while there is a base."""
     now_ns = event.stamp_ns
     effects: list[Effect] = []
+    state = on_tick(state, now_ns, effects)
     state = with_faults(state, now_ns, effects)
     allowed = permissions(dict(state.faults), now_ns)
     state = round_without_radio(state, now_ns, allowed, effects)
     if not state.observes and state.ports[BASE]:
         state = _drive(state, now_ns, allowed, effects)
-        odometry = state.odometry
-        effects.append(PoseEstimated(*state.pose, odometry.v_mps, odometry.wz_radps, "odometry"))
+        effects.append(PoseEstimated(*state.pose, *state.velocity, state.pose_source))
     return state, tuple(effects)
 
 
@@ -49,8 +50,8 @@ def _drive(state: State, now_ns: int, allowed: Permissions, effects: list[Effect
         effects.append(Drive(0.0, 0.0, f"stop:{code}"))
         state = unworried(state, now_ns, effects)
         return replace(state, navigator=standing, outcome=None, held=False)
-    odometry, claim = state.odometry, state.fleet.own_claim
-    motion = Motion(*state.pose, odometry.v_mps, odometry.wz_radps)
+    claim = state.fleet.own_claim
+    motion = Motion(*state.pose, *state.velocity)
     peers = peers_in_the_way(state, now_ns)
     navigator, outcome = navigate(
         state.navigator,
@@ -102,9 +103,9 @@ def peers_in_the_way(state: State, now_ns: int) -> list[PeerMotion]:
 
 
 def _seen(state: State) -> NDArray[np.float64]:
-    """The latest scan, moved along with the robot."""
+    """The latest scan, moved along with the robot by its wheels: where in the map it is plays no part."""
     scan = state.scan
-    return NO_POINTS if scan is None else carried_along(scan.points, scan.pose, state.pose)
+    return NO_POINTS if scan is None else carried_along(scan.points, scan.pose, state.steady_pose)
 
 
 def _discs(state: State, peers: list[PeerMotion]) -> NDArray[np.float64]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from hippomat_core.config import RosConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,16 +18,18 @@ class Given:
     map: str = ""
     robot: int = -1
     start: str = ""  # x,y,yaw
+    fleet: str = ""  # a fleet.toml, which may say map and start
+    ros: RosConfig = field(default_factory=RosConfig)
 
     @property
     def missing(self) -> list[str]:
         """In words, in the order in which they are best found."""
         wants = {
-            "the base (--base)": self.base,
-            "the lidar (--lidar)": self.lidar,
-            "the fleet's map (--map)": self.map,
+            "the base (--base)": self.base or self.ros.drives,
+            "the lidar (--lidar)": self.lidar or self.ros.scans,
+            "the fleet's map (--map)": self.map or self.ros.maps,
             "this robot's id (--robot)": "" if self.robot < 0 else "given",
-            "where it stands (--start)": self.start,
+            "where it stands (--start)": self.start or self.fleet or self.ros.localizes,
         }
         return [name for name, value in wants.items() if not value]
 
@@ -35,9 +39,22 @@ class Given:
 
     def next_command(self) -> str:
         """The whole command, with capitals where the user has to fill in."""
-        config = f" --config {self.config}" if self.config else ""
-        return (
-            f"hippomat-host --port {self.radio} --base {self.base or 'BASE'} --lidar {self.lidar or 'LIDAR'}"
-            f"{config} --map {self.map or 'MAP.yaml'} --robot {self.robot if self.robot >= 0 else 'N'}"
-            f" --start {self.start or 'X,Y,YAW'}"
-        )
+        robot = str(self.robot) if self.robot >= 0 else "N"
+        elsewhere = bool(self.fleet)  # a fleet.toml says map and start
+        parts = [
+            ("--port", self.radio, ""),
+            ("--ros", self.ros.url, ""),
+            ("--base", self.base, "" if self.ros.drives else "BASE"),
+            ("--lidar", self.lidar, "" if self.ros.scans else "LIDAR"),
+            ("--config", self.config, ""),
+            ("--fleet", self.fleet, ""),
+            ("--map", "" if elsewhere else self.map, "" if elsewhere or self.ros.maps else "MAP.yaml"),
+            ("--robot", robot, ""),
+            (
+                "--start",
+                "" if elsewhere else self.start,
+                "" if elsewhere or self.ros.localizes else "X,Y,YAW",
+            ),
+        ]
+        said = [f"{flag} {value or wanted}" for flag, value, wanted in parts if value or wanted]
+        return " ".join(["hippomat-host", *said])

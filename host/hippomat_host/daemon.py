@@ -9,22 +9,24 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Protocol
 
-import numpy as np
-
 from hippomat_core.config import Config
+from hippomat_core.maps.map_event import grid_in, map_event
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import (
     BASE,
     LIDAR,
     PORT_NAMES,
     RADIO,
+    ROS,
     AlarmCleared,
     AlarmRaised,
     Drive,
     Effect,
     Event,
+    LoopsDue,
     MapReceived,
     PortLost,
     PortOpened,
@@ -45,12 +47,11 @@ from hippomat_host.acceptance import hello_of, to_be_told
 from hippomat_host.fleet_view import FleetView
 from hippomat_host.happenings import Happening
 from hippomat_host.links import Link, now
+from hippomat_host.loop_solver import LoopSolver
 from hippomat_host.reactor import Reactor
 from hippomat_host.screen import REFRESH_S, Screen
 from hippomat_logs.recorder import RecorderStatus
 from hippomat_logs.records import FROM_DEVICE, IDENTIFICATION, RUNNING, TO_DEVICE
-
-MAP_EPOCH = 1
 
 
 class Recording(Protocol):
@@ -89,8 +90,11 @@ class Daemon:
         screen: Screen,
         policy: bytes | None = None,
         grid: OccupancyGrid | None = None,
+        solver: LoopSolver | None = None,
     ) -> None:
+        self._solver = solver
         self._config, self._grid = config, grid
+        self._map_epoch = 0
         self._links = {link.port: link for link in links}
         self._recording, self._screen = recording, screen
         self._state = initial_state(config, policy)
@@ -104,6 +108,7 @@ class Daemon:
             happenings.MAP: self._map,
             happenings.TICK: self._tick,
             happenings.READ: self._read,
+            happenings.EVENT: self._event,
             happenings.OPENED: self._opened,
             happenings.LOST: self._lost,
             happenings.NOTE: lambda told: self._screen.line(f"{PORT_NAMES[told.port]}: {told.text}"),
@@ -131,6 +136,7 @@ class Daemon:
         with contextlib.suppress(Exception):
             self._write(LIDAR, rplidar.request(rplidar.STOP))
         self._close_link(LIDAR)
+        self._close_link(ROS)
         self._close_link(RADIO)
         return self._recording.close()
 
@@ -142,16 +148,19 @@ class Daemon:
     # ---- happenings ----
 
     def _map(self, told: Happening) -> None:
-        grid = self._grid
-        if grid is None:
-            return
-        cells = np.ascontiguousarray(grid.cells).ravel()
-        height, width = grid.cells.shape
-        origin = (grid.origin_x_m, grid.origin_y_m)
-        self._feed(MapReceived(told.stamp_ns, MAP_EPOCH, width, height, grid.resolution_m, *origin, cells))
+        if self._grid is not None:
+            self._new_map(self._grid, told.stamp_ns)
+
+    def _new_map(self, grid: OccupancyGrid, stamp_ns: int) -> None:
+        self._grid = grid
+        self._map_epoch += 1
+        self._feed(map_event(grid, stamp_ns, self._map_epoch))
 
     def _tick(self, told: Happening) -> None:
         self._feed(Tick(told.stamp_ns))
+        answer = None if self._solver is None else self._solver.answer(told.stamp_ns)
+        if answer is not None:
+            self._feed(answer)
         if told.stamp_ns - self._shown_ns >= REFRESH_S * 1e9:
             self._shown_ns = told.stamp_ns
             self._show()
@@ -163,10 +172,23 @@ class Daemon:
             for event in decoder.events(told.stamp_ns, told.data):
                 self._feed(event)
 
+    def _event(self, told: Happening) -> None:
+        if told.event is None:
+            return
+        event = replace(told.event, stamp_ns=told.stamp_ns)
+        if isinstance(event, MapReceived):
+            grid = grid_in(event)
+            if grid == self._grid:  # latched topics come again with every connection
+                return
+            self._new_map(grid, told.stamp_ns)
+            return
+        self._feed(event)
+
     def _opened(self, told: Happening) -> None:
         for part in told.exchanged:
             self._recording.serial(told.stamp_ns, told.port, part.direction, IDENTIFICATION, part.data)
-        self._decoders[told.port] = decoder_for(told.port)
+        if told.port != ROS:
+            self._decoders[told.port] = decoder_for(told.port)
         self._screen.line(f"{PORT_NAMES[told.port]}: {self._links[told.port].path}: {told.text}")
         self._feed(PortOpened(told.stamp_ns, told.port, told.text))
         if told.port == LIDAR:
@@ -198,6 +220,8 @@ class Daemon:
             self._write(RADIO, encode_message(body))
         elif isinstance(effect, Drive):
             self._write(BASE, encode_velocity(effect.v_mps, effect.wz_radps))
+        elif isinstance(effect, LoopsDue) and self._solver is not None and self._state.charting is not None:
+            self._solver.ask(self._state.charting)
         elif isinstance(effect, AlarmRaised):
             self._screen.line(f"alarm {effect.code}: {effect.text}")
         elif isinstance(effect, AlarmCleared):

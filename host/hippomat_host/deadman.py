@@ -22,6 +22,7 @@ class Deadman:
     frame: bytes = ZERO
     commanded_ns: int | None = None
     next_ns: int = 0
+    period_ns: int = PERIOD_NS
 
     def commanded(self, stamp_ns: int, frame: BaseFrame) -> Deadman:
         """A frame from the daemon; only velocities are commands, and a new one is due at once."""
@@ -38,4 +39,4 @@ class Deadman:
         if stamp_ns < self.next_ns:
             return self, b""
         frame = ZERO if self.silent(stamp_ns) else self.frame
-        return replace(self, next_ns=stamp_ns + PERIOD_NS), frame
+        return replace(self, next_ns=stamp_ns + self.period_ns), frame

@@ -11,6 +11,7 @@ from hippomat_core.messages import (
     Drive,
     Effect,
     Event,
+    LaserScanReceived,
     PortLost,
     PortOpened,
     PoseEstimated,
@@ -82,7 +83,7 @@ class FleetView:
             self.ports[event.port] = event.device
         elif isinstance(event, PortLost):
             self.ports.pop(event.port, None)
-        elif isinstance(event, ScanReceived):
+        elif isinstance(event, ScanReceived | LaserScanReceived):
             self.scans += 1
 
     def effect(self, effect: Effect) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-START, MAP, TICK, READ, OPENED, LOST, NOTE, END = (
+from hippomat_core.messages import Event
+
+START, MAP, TICK, READ, EVENT, OPENED, LOST, NOTE, END = (
     "start",
     "map",
     "tick",
     "read",
+    "event",
     "opened",
     "lost",
     "note",
@@ -27,9 +30,10 @@ class Exchanged:
 
 @dataclass(frozen=True, slots=True)
 class Happening:
-    """One thing that happened at `stamp_ns`; `port` is one of messages.RADIO, BASE, LIDAR where there is one.
+    """One thing that happened at `stamp_ns`; `port` is one of messages.RADIO .. ROS where there is one.
 
-    data: the bytes of a READ. text: what an OPENED device said of itself, why it was LOST, or a NOTE.
+    data: the bytes of a READ. event: of an EVENT, to be stamped yet.
+    text: what an OPENED device said of itself, why it was LOST, or a NOTE.
     exchanged: how an OPENED device was identified. lag_ns: how late a TICK is.
     """
 
@@ -40,3 +44,4 @@ class Happening:
     text: str = ""
     exchanged: tuple[Exchanged, ...] = ()
     lag_ns: int = 0
+    event: Event | None = None

@@ -2,13 +2,16 @@
 
 One JSON line per happening, answered by {"ok": true} once the daemon has acted on it:
   {"at": ns, "do": "start" | "map" | "tick" | "end"}
-  {"at": ns, "do": "opened" | "lost", "port": "radio" | "base" | "lidar"}      (also "device", "reason")
+  {"at": ns, "do": "opened" | "lost", "port": "radio" | "base" | "lidar" | "ros"}  (also "device", "reason")
   {"at": ns, "do": "read", "port": ..., "bytes": n}      exactly n bytes from that port's real descriptor
+  {"at": ns, "do": "event", "port": "ros"}               the next event of the ROS feed
+  {"at": ns, "do": "answer", "data": base64}             a recorded LoopsClosed
 The ports are real and are identified in real time before the socket is answered.
 """
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import select
@@ -18,10 +21,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hippomat_core.errors import HippomatError
-from hippomat_core.messages import PORT_NAMES
-from hippomat_host.happenings import END, LOST, MAP, OPENED, READ, START, TICK, Happening
+from hippomat_core.messages import PORT_NAMES, Event, LoopsClosed
+from hippomat_host.happenings import END, EVENT, LOST, MAP, OPENED, READ, START, TICK, Happening
 from hippomat_host.links import Link
 from hippomat_host.reactor import StopSignal, bring_up
+from hippomat_host.ros.links import FeedLink
+from hippomat_logs.schema import MessageStore
 
 READ_TIMEOUT_S = 20.0
 
@@ -37,6 +42,7 @@ class LockstepReactor:
         self._lines = self._socket.makefile("rb")
         self._unanswered = False
         self._first: Happening | None = None
+        self._store: MessageStore | None = None  # slow to build
 
     def begin(self) -> int:
         first = self._first = self.next()
@@ -75,6 +81,10 @@ class LockstepReactor:
     def _happening(self, instruction: dict[str, Any], at_ns: int, what: str) -> Happening:
         if what in (START, TICK, END):
             return Happening(at_ns, what)
+        if what == "answer":
+            self._store = self._store or MessageStore()
+            event = self._store.decode(LoopsClosed, base64.b64decode(instruction["data"]))
+            return Happening(at_ns, EVENT, event=event)
         if what == MAP:
             if not self._has_map:
                 raise HippomatError("lockstep: the run had a map: give --map")
@@ -84,6 +94,8 @@ class LockstepReactor:
             raise HippomatError(f"lockstep: the run had a {instruction['port']}, this daemon was given none")
         if what == READ:
             return Happening(at_ns, READ, port, self._read(self._links[port], instruction["bytes"]))
+        if what == EVENT:
+            return Happening(at_ns, EVENT, port, event=self._event(self._links[port]))
         if what == LOST:
             return Happening(at_ns, LOST, port, text=instruction.get("reason", "as recorded"))
         if what == OPENED:
@@ -91,6 +103,12 @@ class LockstepReactor:
             text = instruction.get("device", told.text)
             return Happening(at_ns, OPENED, port, text=text, exchanged=told.exchanged)
         raise HippomatError(f"lockstep: unknown instruction {what!r}")
+
+    def _event(self, link: Link) -> Event:
+        event = link.take(READ_TIMEOUT_S) if isinstance(link, FeedLink) else None
+        if event is None:
+            raise HippomatError(f"lockstep: {link.path} offered no event")
+        return event
 
     def _read(self, link: Link, count: int) -> bytes:
         fd, data, until_s = link.data_fileno(), b"", time.monotonic() + READ_TIMEOUT_S

@@ -16,11 +16,11 @@ from hippomat_core.config import (
     POLICY_ALLOCATORS,
     Config,
     config_from_dict,
-    config_to_dict,
-    parse_config,
 )
 from hippomat_core.errors import ConfigError, HippomatError
+from hippomat_core.fleet.roster import Roster, Tree, merged, parse_roster
 from hippomat_core.messages import BASE, LIDAR, PORT_NAMES, RADIO
+from hippomat_core.settings_tree import parse_toml
 from hippomat_host.acceptance import FLAGS
 from hippomat_host.advice import Given
 from hippomat_host.serial_port import STABLE_NAMES, existing_ports
@@ -44,6 +44,12 @@ examples:
   hippomat-host --port /dev/ttyACM0 --base /dev/ttyACM1 --lidar /dev/ttyUSB0 \\
                 --map lab.yaml --robot 3 --start 1.0,0.5,0
       be robot 3
+  hippomat-host --port /dev/ttyACM0 --fleet fleet.toml --robot 3
+      the same, where one file says map, start poses and settings of the whole fleet
+  hippomat-host --port /dev/ttyACM0 --base /dev/ttyACM1 --lidar /dev/ttyUSB0 --slam
+      make a map while the robot is pushed about; hippomat-logs map saves it
+  hippomat-host --port /dev/ttyACM0 --ros ws://localhost:9090 --robot 3
+      be robot 3 on a robot that runs ROS: map, pose, lidar and base are ROS's
 
 Ports that are not given default to /dev/hippomat-radio, /dev/hippomat-base and /dev/hippomat-lidar where udev
 rules have made them. Ctrl-C (SIGINT), SIGTERM and SIGHUP stop the motors first and then finish the log.
@@ -79,10 +85,26 @@ def parser() -> Parser:
     ports.add_argument("--port", metavar="DEV", help="the radio (ESP32-S3)")
     ports.add_argument("--base", metavar="DEV", help="the base: motors, encoders, IMU")
     ports.add_argument("--lidar", metavar="DEV", help="the lidar (RPLIDAR A1)")
+    ports.add_argument(
+        "--ros",
+        metavar="URL",
+        help="rosbridge, ws://HOST:9090: the map, pose, lidar and base that have no option here are ROS's",
+    )
     robot = options.add_argument_group("robot and fleet")
+    robot.add_argument(
+        "--fleet", metavar="FILE", help="fleet.toml: shared settings, the map, and who starts where"
+    )
     robot.add_argument("--config", metavar="FILE", help="settings (TOML); command-line options win over it")
     robot.add_argument(
-        "--map", metavar="YAML", help="the map that the whole fleet shares (ROS map_server format)"
+        "--map",
+        metavar="FILE",
+        help="the map that the whole fleet shares: a map_server YAML, a recording (lab.bag:/map, run.mcap@30)"
+        " or a rosbridge (ws://HOST:9090)",
+    )
+    robot.add_argument(
+        "--slam",
+        action="store_true",
+        help="find the place in the map by lidar (the default where there is a map); without --map: make one",
     )
     robot.add_argument("--robot", metavar="N", type=int, help="this robot's id; without one it only observes")
     robot.add_argument(
@@ -108,10 +130,43 @@ def parser() -> Parser:
 
 def config_of(args: argparse.Namespace) -> Config:
     """Defaults, then the file, then the command line; raises ConfigError for whatever does not fit."""
-    tree = config_to_dict(_from_file(args.config) if args.config else Config())
+    if args.robot is not None and args.robot < 0:
+        raise ConfigError(f"--robot {args.robot} is not an id; ids begin at 0")
+    said = _settings(args.config) if args.config else {}
+    roster = roster_of(args)
+    if roster is not None:
+        robot = said.get("robot", {}).get("id", -1) if args.robot is None else args.robot
+        said = merged(roster.settings(robot), said)
+    names = [name for name in (args.fleet, args.config) if name]
+    config = config_from_dict(
+        _with_ros_roles(merged(said, _said(args)), args), " and ".join(names) or "command line"
+    )
+    if args.policy is not None:
+        _check_policy(args.policy, config.fleet.allocator)
+    if config.slam.mode == "map" and _map_of(args):
+        raise ConfigError(
+            f'[slam] mode = "map" makes a new map: leave out {_map_of(args)}, or set mode = "auto"'
+        )
+    return config
+
+
+def _settings(path: str) -> Tree:
+    tree = parse_toml(_text("--config", path), path)
+    for section, values in tree.items():
+        if not isinstance(values, dict):
+            raise ConfigError(f"{path}: [{section}] must be a table, found {values!r}")
+    return tree
+
+
+def roster_of(args: argparse.Namespace) -> Roster | None:
+    """The fleet.toml that was given."""
+    return parse_roster(_text("--fleet", args.fleet), args.fleet) if args.fleet else None
+
+
+def _said(args: argparse.Namespace) -> Tree:
+    """What the command line itself says."""
+    tree: Tree = {"robot": {}, "fleet": {}, "log": {}, "ros": {}, "slam": {}}
     if args.robot is not None:
-        if args.robot < 0:
-            raise ConfigError(f"--robot {args.robot} is not an id; ids begin at 0")
         tree["robot"]["id"] = args.robot
     if args.start is not None:
         tree["robot"] |= _start(args.start)
@@ -123,10 +178,27 @@ def config_of(args: argparse.Namespace) -> Config:
         tree["log"] |= {"directory": args.log, "enabled": True}
     if args.no_log:
         tree["log"]["enabled"] = False
-    config = config_from_dict(tree, args.config or "command line")
-    if args.policy is not None:
-        _check_policy(args.policy, config.fleet.allocator)
-    return config
+    if args.ros is not None:
+        tree["ros"]["url"] = args.ros
+    if args.slam:
+        tree["slam"]["mode"] = "auto" if _map_of(args) else "map"
+    return tree
+
+
+def _with_ros_roles(tree: Tree, args: argparse.Namespace) -> Tree:
+    """What has a port or a file of its own is not ROS's."""
+    if not tree["ros"].get("url"):
+        return tree
+    given = {"base": args.base, "lidar": args.lidar, "map": _map_of(args)}
+    return merged(tree, {"ros": {role: False for role, value in given.items() if value}})
+
+
+def _map_of(args: argparse.Namespace) -> str:
+    """The map that was given, or the one that the fleet.toml names beside itself."""
+    roster = None if args.map else roster_of(args)
+    if roster is None or not roster.map:
+        return args.map or ""
+    return str(Path(args.fleet).parent / roster.map)
 
 
 def _check_policy(path: str, allocator: str) -> None:
@@ -143,14 +215,21 @@ def given_of(args: argparse.Namespace, config: Config) -> Given:
     """What there is to work with; raises UsageError where there is no radio at all."""
     paths = {}
     for port, stable, value in zip((RADIO, BASE, LIDAR), STABLE_NAMES, _flags(args), strict=True):
-        paths[port] = value or (stable if os.path.exists(stable) else "")
+        with_ros = config.ros.url and port != RADIO  # its drivers own those devices
+        paths[port] = value or (stable if os.path.exists(stable) and not with_ros else "")
     if not paths[RADIO]:
         raise UsageError(f"--port is missing: the radio's serial port; {existing_ports()}")
     _check_distinct(paths)
     robot = config.robot
     start = f"{robot.start_x_m:g},{robot.start_y_m:g},{robot.start_yaw_rad:g}" if robot.start_known else ""
     return Given(
-        *(paths[RADIO], paths[BASE], paths[LIDAR]), args.config or "", args.map or "", config.robot.id, start
+        *(paths[RADIO], paths[BASE], paths[LIDAR]),
+        config=args.config or "",
+        map=_map_of(args),
+        robot=config.robot.id,
+        start=start,
+        fleet=args.fleet or "",
+        ros=config.ros,
     )
 
 
@@ -171,14 +250,13 @@ def _check_distinct(paths: dict[int, str]) -> None:
         seen[device] = port
 
 
-def _from_file(path: str) -> Config:
+def _text(option: str, path: str) -> str:
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        return Path(path).read_text(encoding="utf-8")
     except OSError as error:
-        raise ConfigError(f"--config {path}: cannot be read: {error.strerror or error}") from None
+        raise ConfigError(f"{option} {path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
-        raise ConfigError(f"--config {path}: is not a text file; it must be TOML") from None
-    return parse_config(text, path)
+        raise ConfigError(f"{option} {path}: is not a text file; it must be TOML") from None
 
 
 def _start(text: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from hippomat_core.messages import ERROR, PORT_NAMES, WARNING
+from hippomat_core.messages import ERROR, PORT_NAMES, ROS, WARNING
 from hippomat_core.wire.frames import FLAG_STOPPED, NO_SLOT, AirClaim
 from hippomat_core.wire.link import FLAG_OPEN
 from hippomat_host import radio_view
@@ -63,6 +63,11 @@ def _own(view: FleetView, given: Given, log: str) -> Table:
             device = view.ports.get(port)
             said = Text(device or "not there: trying again", style="" if device else "red")
             grid.add_row(f" {PORT_NAMES[port]}", Text(path, style="bold"), said)
+    if given.ros.url:
+        said = Text(
+            view.ports.get(ROS) or "not there: trying again", style="" if ROS in view.ports else "red"
+        )
+        grid.add_row(f" {PORT_NAMES[ROS]}", Text(given.ros.url, style="bold"), said)
     if view.radio is not None:
         where = f"fleet {view.radio.fleet}, channel {view.radio.channel}"
         grid.add_row(" air", where, radio_view.air(view.radio))

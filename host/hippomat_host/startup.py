@@ -25,11 +25,13 @@ from hippomat_host.faults import as_error
 from hippomat_host.guard_link import GuardLink
 from hippomat_host.links import Link, SerialLink
 from hippomat_host.lockstep import LockstepReactor
+from hippomat_host.loop_solver import LoopSolver
 from hippomat_host.reactor import Reactor, RealReactor, StopSignal
+from hippomat_host.ros.links import FeedLink, RosBaseLink
 from hippomat_host.screen import Screen, screen_for
-from hippomat_host.warm_up import prepare_allocator, prepare_control
+from hippomat_host.warm_up import prepare_allocator, prepare_control, prepare_localizer, prepare_mapper
 from hippomat_logs.manifest import new_session_id, run_manifest
-from hippomat_logs.map_files import load_map
+from hippomat_logs.map_sources import map_from
 from hippomat_logs.policy_files import policy_name, policy_of
 from hippomat_logs.recorder import Recorder
 from hippomat_logs.recovery import recover_directory
@@ -38,7 +40,7 @@ from hippomat_logs.recovery import recover_directory
 def run(config: Config, given: Given, lockstep: str | None) -> int:
     """The daemon from start to exit code; raises HippomatError for what the user can put right."""
     policy = policy_of(config.fleet)
-    grid = load_map(given.map) if given.map else None
+    grid = map_from(given.map) if given.map else None
     if grid is not None and config.robot.start_known:
         _check_start(config.robot, grid)
     if config.log.enabled and lockstep is None:
@@ -46,6 +48,10 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
             print(f"earlier log {line}", flush=True)
     prepare_allocator(config.fleet, policy, partial(print, flush=True))
     prepare_control(config, partial(print, flush=True))
+    if grid is not None and config.slam.mode == "auto" and not given.observes:
+        prepare_localizer(partial(print, flush=True))
+    if config.slam.mode == "map":
+        prepare_mapper(partial(print, flush=True))
     links = make_links(config, given)
     try:
         with StopSignal() as stop, closing_all(links):
@@ -87,8 +93,12 @@ def make_links(config: Config, given: Given) -> list[Link]:
     links: list[Link] = [SerialLink(RADIO, given.radio, hello, check)]
     if given.base:
         links.append(GuardLink(given.base, hello, check))
+    elif config.ros.drives and config.robot.id >= 0:  # an observer drives nothing
+        links.append(RosBaseLink(config.ros))
     if given.lidar:
         links.append(SerialLink(LIDAR, given.lidar, hello, check))
+    if config.ros.url:
+        links.append(FeedLink(config.ros))
     return links
 
 
@@ -111,7 +121,9 @@ def _run(
     stamp_ns = reactor.begin()
     recording = _recording(config, given, stamp_ns, policy, grid, lossless=lockstep is not None)
     screen = screen_for(given)
-    daemon = Daemon(config, links, recording, screen, policy, grid)
+    mapping = config.slam.mode == "map" and lockstep is None  # a replay has the recorded answers
+    solver = LoopSolver() if mapping else None
+    daemon = Daemon(config, links, recording, screen, policy, grid, solver)
     _welcome(screen, given, config, policy)
     fault: Exception | None = None
     reason = ""
@@ -120,6 +132,8 @@ def _run(
     except Exception as error:
         fault = error
     log = daemon.stop()
+    if solver is not None:
+        solver.close()
     screen.line(f"stopped{f' ({reason})' if reason else ''}; motors first")
     if log.file:
         lost = f", {log.lost} LOST" if log.lost else ""
@@ -137,7 +151,9 @@ def _welcome(screen: Screen, given: Given, config: Config, policy: bytes | None)
     if given.missing and not sys.stdout.isatty():  # the live table keeps showing it
         screen.line(f"missing: {', '.join(given.missing)}")
         screen.line(f"next: {given.next_command()}")
-    if not given.observes:
+    if config.slam.mode == "map":
+        screen.line("mapping: move the robot about by hand; then hippomat-logs map LOG -o MAP.yaml")
+    elif not given.observes:
         screen.line(f"allocator: {allocator_line(config.fleet, policy)}")
 
 

@@ -1,4 +1,4 @@
-"""Decide and drive once before the ports open: what numba compiles must not stall the first round or tick.
+"""Decide, localize and drive once before the ports open: what numba compiles must not stall a robot.
 
 Takes seconds to a minute where nothing was compiled yet, and milliseconds from compiled code that was kept.
 """
@@ -14,6 +14,8 @@ from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.warm_up import warm_up
 from hippomat_core.config import Config, FleetConfig
 from hippomat_core.control.warm_up import warm_up as warm_up_control
+from hippomat_core.slam import warm_up as slam
+from hippomat_core.slam.mapper_warm_up import warm_up_mapper
 from hippomat_logs.policy_files import naming, policy_name
 
 PATIENCE_S = 1.0
@@ -31,6 +33,18 @@ def prepare_control(config: Config, say: Callable[[str], None]) -> None:
     """The same for path following and the scan guard."""
     with told_if_slow("compiling the control kernels", say):
         warm_up_control(config)
+
+
+def prepare_localizer(say: Callable[[str], None]) -> None:
+    """Says so if it takes long."""
+    with told_if_slow("compiling the localizer", say):
+        slam.warm_up()
+
+
+def prepare_mapper(say: Callable[[str], None]) -> None:
+    """Says so if it takes long."""
+    with told_if_slow("compiling the mapper", say):
+        warm_up_mapper()
 
 
 @contextlib.contextmanager

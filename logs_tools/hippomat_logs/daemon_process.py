@@ -13,10 +13,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hippomat_core import messages as m
 from hippomat_core.config import Config, config_to_dict
+from hippomat_core.maps.map_event import grid_in
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_logs.manifest import recorded_threads
 from hippomat_logs.map_files import save_map
@@ -60,7 +59,7 @@ def daemon_command(run: Run, directory: Path, paths: dict[int, str]) -> list[str
         if port in paths:
             command += [flag, paths[port]]
     command += ["--config", str(settings)]
-    grid = recorded_map(run)
+    grid = None if run.config.ros.maps else recorded_map(run)
     if grid is not None:
         save_map(grid, directory / "map.yaml")
         command += ["--map", str(directory / "map.yaml")]
@@ -70,11 +69,8 @@ def daemon_command(run: Run, directory: Path, paths: dict[int, str]) -> list[str
 def recorded_map(run: Run) -> OccupancyGrid | None:
     """The run's first map."""
     for record in run.records_in_order((m.MapReceived,)):
-        received = record.message
-        if isinstance(received, m.MapReceived):
-            cells = np.array(received.cells, np.int8).reshape(received.height, received.width)
-            origin = received.origin_x_m, received.origin_y_m
-            return OccupancyGrid(cells, received.resolution_m, *origin)
+        if isinstance(record.message, m.MapReceived):
+            return grid_in(record.message)
     return None
 
 

@@ -26,6 +26,7 @@ class DerivedTopics:
     def __init__(self, store: MessageStore, config: Config) -> None:
         self._store = store
         self._lidar = config.lidar
+        self._base_frame = config.ros.base_frame
         self._name = f"robot{config.robot.id}"
         self._odom: Pose = (0.0, 0.0, 0.0)
         self._map: m.MapReceived | None = None
@@ -48,6 +49,10 @@ class DerivedTopics:
             self._integrate(record)
         elif isinstance(record, m.ScanReceived):
             yield self._scan(record, log_time_ns)
+        elif isinstance(record, m.LaserScanReceived):
+            yield self._laser(record, log_time_ns)
+        elif isinstance(record, m.TransformReceived) and record.parent == self._base_frame:
+            yield self._mount(record, log_time_ns)
         elif isinstance(record, m.PathPlanned):
             yield self._path(record, log_time_ns)
         elif isinstance(record, m.MapReceived):
@@ -114,6 +119,31 @@ class DerivedTopics:
             ranges=ranges,
             intensities=intensities,
         )
+
+    def _laser(self, scan: m.LaserScanReceived, t: int) -> tuple[str, bytes]:
+        """As ROS said it, at our time."""
+        return self._encode(
+            "/scan",
+            header=self._header(t, scan.frame),
+            angle_min=scan.angle_min_rad,
+            angle_max=scan.angle_min_rad + scan.angle_increment_rad * max(len(scan.ranges_m) - 1, 0),
+            angle_increment=scan.angle_increment_rad,
+            time_increment=scan.time_increment_s,
+            scan_time=scan.time_increment_s * len(scan.ranges_m),
+            range_min=scan.range_min_m,
+            range_max=scan.range_max_m,
+            ranges=np.ascontiguousarray(scan.ranges_m),
+            intensities=np.zeros(0, np.float32),
+        )
+
+    def _mount(self, link: m.TransformReceived, t: int) -> tuple[str, bytes]:
+        """What is mounted on the base; the frames above it are ours, see _pose."""
+        move = self._xyz(link.x_m, link.y_m, link.z_m)
+        turn = self._new("geometry_msgs/msg/Quaternion", link.qx, link.qy, link.qz, link.qw)
+        said = self._new("geometry_msgs/msg/Transform", move, turn)
+        header = self._header(t, "base_link")
+        held = self._new("geometry_msgs/msg/TransformStamped", header, link.child, said)
+        return self._encode("/tf_static" if link.fixed else "/tf", transforms=[held])
 
     def _path(self, path: m.PathPlanned, t: int) -> tuple[str, bytes]:
         header = self._header(t, "map")

@@ -119,7 +119,8 @@ def identification_bytes(run: Run) -> dict[int, bytes]:
             heard.setdefault(serial.port, bytearray()).extend(serial.data)
         elif serial.phase == RUNNING:
             running.add(serial.port)
-    return {port: bytes(data) for port, data in heard.items()}
+    with_ros = bool(run.config.ros.url)  # what ROS stands in for says nothing of itself
+    return {port: bytes(data) for port, data in heard.items() if data or not with_ros}
 
 
 def _fake(port: int, heard: bytes) -> FakePort:

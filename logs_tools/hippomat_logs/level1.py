@@ -13,9 +13,10 @@ from hippomat_logs.reader import Record
 from hippomat_logs.records import FROM_DEVICE, RUNNING, SerialRecord
 from hippomat_logs.reencoding import Reencoding
 from hippomat_logs.report import FAILED, NOT_RUN, OK, Divergence, LevelResult
+from hippomat_logs.ros.topics import FROM_ROS
 from hippomat_logs.schema import EVENTS, MessageStore, differences
 
-NOT_DECODED = (m.Started, m.MapReceived, m.Tick, m.PortOpened, m.PortLost)  # events that no bytes hold
+NOT_DECODED = (m.Started, m.MapReceived, m.Tick, m.PortOpened, m.PortLost, *FROM_ROS)  # no bytes hold them
 
 
 class ByteCheck:
@@ -27,7 +28,7 @@ class ByteCheck:
         self._decoders: dict[int, DeviceDecoder] = {}  # of the ports that are open, as in the daemon
         self._streams: dict[tuple[int, int], Reencoding] = {}
         self._expected: list[Any] = []  # decoded, but not yet seen as recorded events
-        self._tick = self._events = self._bytes = self._noise = 0
+        self._tick = self._events = self._bytes = self._noise = self._ros = 0
         self._notes: list[str] = []
         self._last: Record | None = None
         self.divergence: Divergence | None = None
@@ -54,6 +55,8 @@ class ByteCheck:
         detail = f"{self._events} events; both directions encode to the same bytes"
         if self._noise:
             detail += f"; {self._noise} bytes of noise, counted as recorded"
+        if self._ros:
+            detail += f"; {self._ros} events from ROS have no bytes to compare"
         if self.divergence is not None:
             return LevelResult("L1", FAILED, self._bytes, "bytes", "", self._notes, self.divergence)
         if not self._bytes:
@@ -75,9 +78,10 @@ class ByteCheck:
     def _other(self, record: Record, event: Any) -> None:
         self._nothing_left(record)
         self._tick += isinstance(event, m.Tick)
+        self._ros += isinstance(event, FROM_ROS)
         if isinstance(event, m.PortOpened | m.PortLost):
             self._retire(event.port)
-        if isinstance(event, m.PortOpened):
+        if isinstance(event, m.PortOpened) and event.port != m.ROS:
             self._decoders[event.port] = decoder_for(event.port)
 
     def _decoded(self, record: Record, event: Any) -> None:

@@ -6,6 +6,8 @@ recorded one. Knows the daemon's lockstep protocol (hippomat_host/lockstep.py), 
 
 from __future__ import annotations
 
+import base64
+import contextlib
 import json
 import socket
 import tempfile
@@ -15,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from hippomat_core import messages as m
+from hippomat_core.config import RosConfig
 from hippomat_core.errors import HippomatError
 from hippomat_logs.daemon_process import DaemonProcess, daemon_command
 from hippomat_logs.fake_ports import FakePorts
@@ -22,12 +25,14 @@ from hippomat_logs.level2 import EffectComparison
 from hippomat_logs.reader import Record, Run, open_runs
 from hippomat_logs.records import FROM_DEVICE, RUNNING, SerialRecord
 from hippomat_logs.report import FAILED, OK, Divergence, LevelResult
-from hippomat_logs.schema import EFFECTS, EVENTS
+from hippomat_logs.ros.fake_rosbridge import FakeRosbridge
+from hippomat_logs.ros.topics import FROM_ROS, is_of_ros, topic_of, topics_of
+from hippomat_logs.schema import EFFECTS, EVENTS, MessageStore
 
 ANSWER_S = 30.0
 START_S = 60.0
 PROGRESS_STEP = 500
-TOLD = (SerialRecord, m.Started, m.MapReceived, m.Tick, m.PortOpened, m.PortLost)
+TOLD = (SerialRecord, m.Started, m.MapReceived, m.Tick, m.PortOpened, m.PortLost, m.LoopsClosed, *FROM_ROS)
 
 
 def replay_in_daemon(run: Run, exact: bool, progress: Callable[[str, int], None]) -> LevelResult:
@@ -38,8 +43,13 @@ def replay_in_daemon(run: Run, exact: bool, progress: Callable[[str, int], None]
         return compare_runs(run, again, exact)
 
 
-def instruction(message: Any) -> dict[str, Any] | None:
+def instruction(message: Any, ros: RosConfig, store: MessageStore) -> dict[str, Any] | None:
     """What the daemon is told for one record; None for what it does by itself."""
+    if is_of_ros(message, ros):
+        return {"at": message.stamp_ns, "do": "event", "port": m.PORT_NAMES[m.ROS]}
+    if isinstance(message, m.LoopsClosed):  # the daemon's solver takes its time, and so is not asked again
+        data = base64.b64encode(store.encode(message)).decode()
+        return {"at": message.stamp_ns, "do": "answer", "data": data}
     if isinstance(message, SerialRecord):
         if (message.direction, message.phase) != (FROM_DEVICE, RUNNING) or not message.data:
             return None
@@ -60,21 +70,47 @@ def instruction(message: Any) -> dict[str, Any] | None:
 def _drive(run: Run, directory: Path, progress: Callable[[str, int], None]) -> Run:
     """Run the daemon to the end of the log; its own log, opened."""
     logs, address = directory / "log", directory / "lockstep"
-    with FakePorts(run) as ports, socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+    with (
+        FakePorts(run) as ports,
+        _rosbridge(run.config.ros) as bridge,
+        socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener,
+    ):
         listener.bind(str(address))
         listener.listen(1)
         command = daemon_command(run, directory, ports.paths)
+        command += [] if bridge is None else ["--ros", bridge.url]
         command += ["--lockstep", str(address), "--log", str(logs)]
         with (
             DaemonProcess(command, run, directory) as daemon,
             _accepted(listener, ports, daemon) as connection,
         ):
-            _instruct(run, connection, ports, daemon, progress)
+            _instruct(run, connection, ports, bridge, daemon, progress)
             _wait_for_end(ports, daemon)
     runs = open_runs([logs])
     if len(runs) != 1:
         raise HippomatError(f"the replaying daemon wrote {len(runs)} logs instead of one")
     return runs[0]
+
+
+@contextlib.contextmanager
+def _rosbridge(ros: RosConfig) -> Iterator[FakeRosbridge | None]:
+    """A stand-in where the run had ROS."""
+    if not ros.url:
+        yield None
+        return
+    with FakeRosbridge(once=True) as bridge:
+        for topic in topics_of(ros):
+            bridge.topic(topic.name, topic.kind)
+        yield bridge
+
+
+def _wait_for_subscriptions(bridge: FakeRosbridge, ros: RosConfig) -> None:
+    """What is said before the daemon's feed has subscribed would be lost."""
+    until_s = time.monotonic() + ANSWER_S
+    while not all(bridge.subscribed(topic.name) for topic in topics_of(ros)):
+        if time.monotonic() > until_s:
+            raise HippomatError(f"the daemon did not subscribe to ROS's topics within {ANSWER_S:.0f} s")
+        time.sleep(0.01)
 
 
 def _accepted(listener: socket.socket, ports: FakePorts, daemon: DaemonProcess) -> socket.socket:
@@ -92,16 +128,21 @@ def _instruct(
     run: Run,
     connection: socket.socket,
     ports: FakePorts,
+    bridge: FakeRosbridge | None,
     daemon: DaemonProcess,
     progress: Callable[[str, int], None],
 ) -> None:
+    if bridge is not None:
+        _wait_for_subscriptions(bridge, run.config.ros)
     last_ns = done = 0
     for record in run.records_in_order(TOLD):
-        told = instruction(record.message)
+        told = instruction(record.message, run.config.ros, run.store)
         if told is None:
             continue
         if isinstance(record.message, SerialRecord):
             ports.ports[record.message.port].offer(record.message.data)
+        elif bridge is not None and is_of_ros(record.message, run.config.ros):
+            bridge.say_event(topic_of(record.message, run.config.ros), record.message)
         last_ns = int(told["at"])
         _tell(told, connection, ports, daemon)
         done += 1
@@ -112,11 +153,12 @@ def _instruct(
 
 def _tell(told: dict[str, Any], connection: socket.socket, ports: FakePorts, daemon: DaemonProcess) -> None:
     """One line there, one line back, while the ports keep moving."""
-    connection.sendall(json.dumps(told).encode() + b"\n")
+    with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # why is asked below
+        connection.sendall(json.dumps(told).encode() + b"\n")
     answer, until_s = b"", time.monotonic() + ANSWER_S
     while not answer.endswith(b"\n"):
         if connection.fileno() in ports.service(0.5, [connection.fileno()]):
-            chunk = connection.recv(4096)
+            chunk = _received(connection)
             if not chunk:
                 daemon.wait()
                 raise HippomatError(f"the daemon hung up at {told}: {daemon.last_words()}")
@@ -125,6 +167,13 @@ def _tell(told: dict[str, Any], connection: socket.socket, ports: FakePorts, dae
             raise HippomatError(f"the daemon did not answer {told} within {ANSWER_S:.0f} s")
     if json.loads(answer).get("ok") is not True:
         raise HippomatError(f"the daemon refused {told}: {answer.decode().strip()}")
+
+
+def _received(connection: socket.socket) -> bytes:
+    try:
+        return connection.recv(4096)
+    except ConnectionResetError:
+        return b""
 
 
 def _wait_for_end(ports: FakePorts, daemon: DaemonProcess) -> None:

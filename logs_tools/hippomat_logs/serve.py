@@ -27,6 +27,8 @@ def serve(runs: list[Run], console: Console, speed: float = 1.0) -> int:
     if len(runs) != 1:
         raise HippomatError(f"--serve offers the ports of one robot; {len(runs)} runs were given")
     run = runs[0]
+    if run.config.ros.url:
+        raise HippomatError(f"--serve offers serial ports, but {run.name} had ROS: replay it without --serve")
     with tempfile.TemporaryDirectory(prefix="hippomat-serve-") as name, FakePorts(run) as ports:
         directory = Path(name)
         links = ports.link_into(directory)

@@ -11,10 +11,11 @@ from typing import NoReturn
 
 from rich.console import Console
 
-from hippomat_core.errors import HippomatError
+from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_sim.fleet_run import FleetRun, RunResult, require_linux
 from hippomat_sim.maps import find_demo_map
-from hippomat_sim.run_settings import RunSettings
+from hippomat_sim.run_logs import completions, log_files
+from hippomat_sim.run_settings import Carried, RunSettings
 from hippomat_sim.views import view_for
 from hippomat_sim.world import WALL
 
@@ -25,6 +26,7 @@ a task was done twice, or (demo) a replay diverged
 examples:
   hippomat-sim demo
   hippomat-sim run --map lab.yaml --robots 3 --seconds 120 --loss 0.3
+  hippomat-sim run --map willow-full-0.05.pgm --resolution 0.05 --slam --speed 0.5 --seconds 300
 """
 
 
@@ -43,7 +45,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from hippomat_sim.demo import run_demo  # here, because matplotlib loads slowly
 
             return run_demo(_settings(options), console)
-        result = FleetRun(_settings(options), view_for(console)).execute()
+        settings = _settings(options)
+        result = FleetRun(settings, view_for(console)).execute()
+        _say_where(result, settings, console)
     except HippomatError as error:
         print(f"hippomat-sim: {error}", file=sys.stderr)
         return error.exit_code
@@ -61,8 +65,18 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="run | demo")
     run = commands.add_parser("run", help="start a fleet on a map and watch it")
     demo = commands.add_parser("demo", help="five robots for one minute, then replay and report")
-    run.add_argument("--map", type=Path, required=True, help="ROS map (.yaml beside its image)")
+    run.add_argument("--map", type=Path, required=True, help="ROS map: its .yaml, or a bare image of it")
+    run.add_argument(
+        "--resolution", type=float, default=0.05, metavar="M", help="of a bare image: metres per pixel (0.05)"
+    )
     demo.add_argument("--map", type=Path, help="ROS map; default: the turtlebot3 world, else our own room")
+    run.add_argument(
+        "--carry",
+        action="append",
+        default=[],
+        metavar="S:N:X,Y,YAW",
+        help="after S seconds somebody carries robot N there (metres, radians); may be given again",
+    )
     for command in (run, demo):
         _add_run_options(command)
     return parser
@@ -77,6 +91,11 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, default=1, help="start poses, tasks, noise, radio losses (default 1)")
     add("--speed", type=float, metavar="M/S", help="speed limit of the robots (default: as configured, 0.2)")
     add("--config", type=Path, metavar="TOML", help="base for the hippomat.toml that all daemons get")
+    add(
+        "--slam",
+        action=argparse.BooleanOptionalAction,
+        help="robots find their place in the map by lidar (default: as configured, on), or trust wheels",
+    )
     add("--sealed", action="store_true", help="the fleet has a key: frames are encrypted and authentic")
     add("--out", type=Path, metavar="DIR", help="where everything goes (default runs/sim-TIME)")
     add(
@@ -101,7 +120,32 @@ def _settings(options: argparse.Namespace) -> RunSettings:
         options.config,
         options.record_truth,
         sealed=options.sealed,
+        slam=options.slam,
+        resolution_m=getattr(options, "resolution", 0.05),
+        carried=tuple(_carried(text) for text in getattr(options, "carry", [])),
     )
+
+
+def _carried(text: str) -> Carried:
+    try:
+        at, robot, place = text.split(":")
+        x_m, y_m, yaw_rad = (float(part) for part in place.split(","))
+        return Carried(float(at), int(robot), (x_m, y_m, yaw_rad))
+    except ValueError:
+        raise ConfigError(f"--carry {text!r} is not S:N:X,Y,YAW, e.g. 20:1:2.0,1.5,0.5") from None
+
+
+def _say_where(result: RunResult, settings: RunSettings, console: Console) -> None:
+    """How well the robots knew where they were, and a picture of where that was."""
+    if not any(directory.is_dir() for directory in result.logs):
+        return
+    from hippomat_sim.pose_errors import pose_errors, pose_table  # here, because NumPy and logs load slowly
+    from hippomat_sim.run_picture import draw_run
+
+    logs = log_files(result.logs)
+    console.print(pose_table(pose_errors(logs, result.emitted_ns, result.truth)))
+    picture = draw_run(result, completions(logs), settings)
+    console.print(f"picture: {picture}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _summary(result: RunResult, console: Console) -> int:

@@ -11,6 +11,7 @@ EXTRA_OF = {
     **dict.fromkeys(SIM_PACKAGES, "sim"),
     **dict.fromkeys(TRAIN_PACKAGES, "train"),
     "ray": "ray",
+    "gtsam": "slam",
 }
 
 

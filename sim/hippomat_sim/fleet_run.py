@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import math
 import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
@@ -26,11 +27,12 @@ from hippomat_core.control.warm_up import warm_up as warm_up_control
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.planning.ground import ground_of
+from hippomat_core.slam.warm_up import warm_up as warm_up_localizer
 from hippomat_logs.map_files import load_map
 from hippomat_logs.policy_files import policy_of
 from hippomat_sim.daemons import Daemon, DaemonOrder, describe_end, interrupt_all, kill_all
 from hippomat_sim.medium import AirSettings, StationCounts
-from hippomat_sim.run_settings import RunSettings, checked, config_toml, run_config
+from hippomat_sim.run_settings import RunSettings, checked, config_toml, described_map, run_config
 from hippomat_sim.simulation import Simulation, SimulationSetup
 from hippomat_sim.start_poses import start_poses
 from hippomat_sim.views import View
@@ -54,6 +56,7 @@ class RunResult:
     start_poses: NDArray[np.float64]  # (N, 3)
     truth_us: NDArray[np.int64]  # (T,) since the start of the world
     truth: NDArray[np.float64]  # (T, N, 3)
+    emitted_ns: NDArray[np.int64]  # (T,) monotonic clock, when the devices told of it
     start_monotonic_ns: int  # of truth_us 0; exact while slipped_s is 0
     seconds: float  # with all robots on the air
     contacts: tuple[Contact, ...]
@@ -68,9 +71,14 @@ class FleetRun:
     """Use once: FleetRun(settings, view).execute()."""
 
     def __init__(self, settings: RunSettings, view: View) -> None:
-        self.settings = checked(settings)
+        checked(settings)
         self.config = run_config(settings)
-        self.grid = load_map(settings.map_yaml)
+        map_yaml, text = described_map(settings)
+        if text:
+            settings.out.mkdir(parents=True, exist_ok=True)
+            map_yaml.write_text(text, encoding="utf-8")
+        self.settings = settings = replace(settings, map_yaml=map_yaml)
+        self.grid = load_map(map_yaml)
         radius_m = self.config.robot.radius_m
         ground = ground_of(self.grid, 0, self.config)
         self.starts = start_poses(ground, settings.robots, radius_m, settings.seed)
@@ -97,6 +105,9 @@ class FleetRun:
         self._start_ns = 0
         self._slipped_us = 0
         self._next_view_s = 0.0
+        self._emitted_ns: list[int] = []  # when each row of the truth was made
+        self._to_carry = sorted(settings.carried, key=lambda one: one.at_s)
+        self._began_s = math.inf
 
     def execute(self) -> RunResult:
         """Run to the end; raises HippomatError where the fleet does not get under way."""
@@ -143,6 +154,8 @@ class FleetRun:
         allocator = make_allocator(fleet.allocator, policy_of(fleet), fleet.size, fleet.task_slots)
         warm_up(allocator, fleet.size, fleet.task_slots)
         warm_up_control(self.config)
+        if self.config.slam.mode == "auto":
+            warm_up_localizer()
 
     def _order(self, robot: int) -> DaemonOrder:
         x_m, y_m, yaw_rad = self.starts[robot].tolist()
@@ -156,7 +169,7 @@ class FleetRun:
         )
 
     def _drive(self) -> float:
-        began_s = self._now_s()
+        began_s = self._began_s = self._now_s()
         seconds = self.settings.seconds
         if not self.interrupted:
             self._view.phase("running", began_s, seconds)
@@ -191,7 +204,7 @@ class FleetRun:
                 self._slipped_us += lag_us
                 end_s -= lag_us / 1e6
                 now_us -= lag_us
-            self.simulation.advance(now_us)
+            self._advance(now_us)
             if now_s >= self._next_view_s:
                 self._next_view_s = now_s + _VIEW_PERIOD_S
                 self._watch()
@@ -202,8 +215,18 @@ class FleetRun:
             written = self.simulation.wait_for_bytes(timeout_s)
             if written:
                 served_us = max(now_us, int(self._now_s() * 1e6))
-                self.simulation.advance(served_us)
+                self._advance(served_us)
                 self.simulation.serve(written, served_us)
+
+    def _advance(self, now_us: int) -> None:
+        """The devices write what happened up to now_us; a world that is late tells it late."""
+        self.simulation.advance(now_us)
+        while self._to_carry and now_us / 1e6 - self._began_s >= self._to_carry[0].at_s:
+            one = self._to_carry.pop(0)
+            self.simulation.carry(one.robot, one.pose)
+            self._view.note(f"robot {one.robot} was carried elsewhere")
+        new = len(self.simulation.truth) - len(self._emitted_ns)
+        self._emitted_ns += [time.monotonic_ns()] * new
 
     def _now_s(self) -> float:
         """World time [s]."""
@@ -253,6 +276,7 @@ class FleetRun:
             self.starts,
             times,
             poses,
+            np.array(self._emitted_ns, dtype=np.int64),
             self._start_ns,
             seconds,
             tuple(simulation.world.contacts),
@@ -279,6 +303,7 @@ def _write_truth(result: RunResult) -> None:
     np.savez_compressed(
         result.out / "truth.npz",
         stamp_ns=result.truth_us * 1000 + result.start_monotonic_ns,
+        emitted_ns=result.emitted_ns,
         poses=result.truth,
         contacts=np.array(contacts, dtype=np.float64).reshape(-1, 3),
         slipped_s=np.array(result.slipped_s),

@@ -12,6 +12,15 @@ from hippomat_core.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True)
+class Carried:
+    """At this time of the run somebody puts the robot there (map frame)."""
+
+    at_s: float
+    robot: int
+    pose: tuple[float, float, float]  # x, y [m], yaw [rad]
+
+
+@dataclass(frozen=True, slots=True)
 class RunSettings:
     """The command line of `hippomat-sim run`, one to one. speed_mps None: as configured."""
 
@@ -27,6 +36,9 @@ class RunSettings:
     record_truth: bool = True
     record_logs: bool = True
     sealed: bool = False  # the fleet has a key
+    slam: bool | None = None  # localize in the map, or trust the wheels; None: as configured
+    resolution_m: float = 0.05  # of a map that is an image without a description
+    carried: tuple[Carried, ...] = ()
 
 
 def checked(settings: RunSettings) -> RunSettings:
@@ -37,11 +49,15 @@ def checked(settings: RunSettings) -> RunSettings:
         ("--seconds", settings.seconds, 1.0, 86_400.0),
         ("--loss", settings.loss, 0.0, 1.0),
         ("--seed", settings.seed, 0, 2**31 - 1),
+        ("--resolution", settings.resolution_m, 0.005, 1.0),
         ("--speed", 0.02 if settings.speed_mps is None else settings.speed_mps, 0.02, 5.0),
     )
     for option, value, low, high in ranges:
         if not low <= value <= high:
             raise ConfigError(f"{option} {value} is outside {low} .. {high}")
+    for one in settings.carried:
+        if not 0 <= one.robot < settings.robots:
+            raise ConfigError(f"--carry: robot {one.robot} is not one of 0 .. {settings.robots - 1}")
     if settings.out.exists() and (not settings.out.is_dir() or any(settings.out.iterdir())):
         raise ConfigError(f"--out {settings.out} is not an empty directory; name a new one")
     return settings
@@ -63,7 +79,25 @@ def run_config(settings: RunSettings) -> Config:
         limits = replace(limits, speed_mps=settings.speed_mps)
     # Who a robot is and where it starts comes from its own command line.
     robot = replace(config.robot, id=-1, start_known=False)
-    return replace(config, fleet=fleet, limits=limits, robot=robot)
+    slam = config.slam
+    if settings.slam is not None:
+        slam = replace(slam, mode="auto" if settings.slam else "odometry")
+    return replace(config, fleet=fleet, limits=limits, robot=robot, slam=slam)
+
+
+def described_map(settings: RunSettings) -> tuple[Path, str]:
+    """The map's description, and its text where it has to be written first: --map may be a bare image."""
+    path = settings.map_yaml
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return path, ""
+    if not path.is_file():
+        raise ConfigError(f"--map {path}: there is no such file")
+    image = json.dumps(str(path.resolve()))
+    text = (
+        f"image: {image}\nresolution: {settings.resolution_m!r}\norigin: [0.0, 0.0, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return settings.out / "map.yaml", text
 
 
 def config_toml(config: Config) -> str:

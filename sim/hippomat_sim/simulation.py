@@ -122,6 +122,11 @@ class Simulation:
         radio_us = min(robot.radio.wake_us for robot in self.robots)
         return min(tick_us, radio_us) if air_us is None else min(tick_us, radio_us, air_us)
 
+    def carry(self, robot: int, pose: tuple[float, float, float]) -> None:
+        """Somebody lifts a robot and puts it down elsewhere: its wheels do not turn."""
+        self.world.place(robot, pose, 0.0, 0.0)
+        self._lidar_poses[robot] = pose
+
     def wait_for_bytes(self, timeout_s: float) -> list[tuple[int, PtyPort]]:
         """(robot, port) of the ports that the daemons wrote to, waiting at most timeout_s for the first."""
         return [self._by_fd[fd] for fd, _ in self._poll.poll(max(timeout_s, 0.0))]

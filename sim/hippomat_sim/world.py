@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_sim.near_walls import NearWalls
 from hippomat_sim.walls import wall_boxes
 
 SUBSTEP_S = 0.005
@@ -77,8 +78,9 @@ class World:
         boxes = wall_boxes(grid)
         extent = boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0) if len(boxes) else np.full(2, np.inf)
         self.extent_m = float(np.hypot(*extent)) + 1.0  # no ray needs to be longer: Bullet's cost by length
+        self._walls = NearWalls(boxes, self._add_box, self._remove)
         if len(boxes):
-            self._add_walls(boxes)
+            self._add_sides(boxes)
         self._ids = [self._add_robot(*pose) for pose in self.poses]
         self._robot_of = {body_id: robot for robot, body_id in enumerate(self._ids)}
 
@@ -109,6 +111,7 @@ class World:
     def step(self, substeps: int = 2) -> None:
         """Advance by substeps x SUBSTEP_S."""
         self.previous_poses = self.poses.copy()
+        self._walls.follow(self.poses[:, :2], self._body.radius_m)
         for _ in range(substeps):
             self._substep()
 
@@ -171,15 +174,23 @@ class World:
             physicsClientId=self._client,
         )
 
-    def _add_walls(self, boxes: NDArray[np.float64]) -> None:
-        """Boxes to bump into, and one mesh of their sides for the rays: Bullet casts those twice as fast."""
+    def _add_box(self, box: NDArray[np.float64]) -> int:
+        """Something to bump into."""
         bullet, client = self._bullet, self._client
-        for x0, y0, x1, y1 in boxes:
-            half = [(x1 - x0) / 2, (y1 - y0) / 2, WALL_HEIGHT_M / 2]
-            shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, physicsClientId=client)
-            centre = [(x0 + x1) / 2, (y0 + y1) / 2, WALL_HEIGHT_M / 2]
-            box = bullet.createMultiBody(0, shape, basePosition=centre, physicsClientId=client)
-            self._filter(box, _BOX, _ROBOT)
+        x0, y0, x1, y1 = box.tolist()
+        half = [(x1 - x0) / 2, (y1 - y0) / 2, WALL_HEIGHT_M / 2]
+        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, physicsClientId=client)
+        centre = [(x0 + x1) / 2, (y0 + y1) / 2, WALL_HEIGHT_M / 2]
+        body = int(bullet.createMultiBody(0, shape, basePosition=centre, physicsClientId=client))
+        self._filter(body, _BOX, _ROBOT)
+        return body
+
+    def _remove(self, body_id: int) -> None:
+        self._bullet.removeBody(body_id, physicsClientId=self._client)
+
+    def _add_sides(self, boxes: NDArray[np.float64]) -> None:
+        """Meshes of all sides for the rays: Bullet casts those twice as fast as boxes."""
+        bullet, client = self._bullet, self._client
         for some in np.array_split(boxes, math.ceil(len(boxes) / _BOXES_PER_MESH)):
             vertices, triangles = _sides(some)
             shape = bullet.createCollisionShape(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from radio_samples import radio_status
 
-from hippomat_core.config import Config, FleetConfig, RobotConfig
+from hippomat_core.config import Config, FleetConfig, RobotConfig, SlamConfig
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import (
     BASE,
@@ -106,7 +106,8 @@ class FleetWorld:
 
     def _body(self, robot: int, fleet: FleetConfig) -> Body:
         start = (0.6 + 0.7 * robot, 0.6, math.pi / 2)
-        config = Config(fleet=fleet, robot=RobotConfig(robot, *start, start_known=True))
+        robot_config = RobotConfig(robot, *start, start_known=True)
+        config = Config(fleet=fleet, robot=robot_config, slam=SlamConfig(mode="odometry"))
         body = Body(initial_state(config, self.policy), *start, start=start)
         for event in (
             Started(self.now_ns),

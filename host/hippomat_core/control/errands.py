@@ -94,7 +94,7 @@ def _route(nav: Navigator, view: View, blocked: NDArray[np.bool_] | None) -> Pat
     if goal is None:
         return None
     # The field leads to the destination's own cell; where that one is not free it cannot guide us.
-    field = view.field if goal == view.costmap.grid.cell_of(*nav.destination) else None
+    field = view.field if view.field is not None and view.field.goal == goal else None
     return shortest_path(view.costmap, view.cell, goal, blocked, field)
 
 

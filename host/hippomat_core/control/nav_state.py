@@ -12,6 +12,7 @@ from hippomat_core.config import Config
 from hippomat_core.control.follower import Drive, Motion
 from hippomat_core.planning.astar import Path, path_length_m
 from hippomat_core.planning.costmap import Costmap
+from hippomat_core.planning.distance_field import DistanceField
 from hippomat_core.planning.reservations import Cells, PeerMotion, Taken, taken_cells
 
 NEVER = -1
@@ -93,7 +94,7 @@ class View:
     peers: Sequence[PeerMotion]
     taken: Taken
     costmap: Costmap
-    field: NDArray[np.float64] | None
+    field: DistanceField | None
     config: Config
 
     @property

@@ -31,6 +31,7 @@ from hippomat_core.control.nav_state import (
 )
 from hippomat_core.planning.astar import path_length_m
 from hippomat_core.planning.costmap import Costmap, nearest_free
+from hippomat_core.planning.distance_field import DistanceField
 from hippomat_core.planning.reservations import Cells, PeerMotion, free_stretch, keep_out_m, reserve
 from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
@@ -48,7 +49,7 @@ def navigate(
     destination: tuple[float, float] | None,
     peers: Sequence[PeerMotion],
     costmap: Costmap,
-    field: NDArray[np.float64] | None,
+    field: DistanceField | None,
     config: Config,
     held: bool = False,
 ) -> tuple[Navigator, NavOutcome]:

@@ -71,6 +71,13 @@ class OccupancyGrid:
         """True where (ix, iy) is a cell of this grid."""
         return 0 <= ix < self.width and 0 <= iy < self.height
 
+    def lies_as(self, other: OccupancyGrid) -> bool:
+        """Whether the cells of both are the same squares of the map frame."""
+        same_origin = (self.origin_x_m, self.origin_y_m) == (other.origin_x_m, other.origin_y_m)
+        return (
+            self.cells.shape == other.cells.shape and self.resolution_m == other.resolution_m and same_origin
+        )
+
     def hash(self) -> bytes:
         """SHA-256 over shape, resolution, origin and cells: equal maps, equal hash, on every machine."""
         head = struct.pack(

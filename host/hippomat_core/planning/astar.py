@@ -1,22 +1,50 @@
 """One shortest path between two cells (Hart, Nilsson, Raphael 1968). Exact, 8-connected, no corner cutting.
 
 With a distance field to the goal as heuristic the search walks straight down the field, and still is exact
-where some cells are blocked: blocking only lengthens ways, so the field stays a consistent lower bound.
+where some cells are blocked: blocking only lengthens ways, so the field stays a consistent lower bound. Most
+steps are never looked at (graph.ONWARD).
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from heapq import heappop, heappush
-
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from hippomat_core.planning.buckets import (
+    BUCKET,
+    LENGTH,
+    NODE,
+    ROW,
+    SHORTEST,
+    WAITING,
+    Entries,
+    empty_heads,
+    new_slate,
+    put,
+    take,
+    way_back,
+)
 from hippomat_core.planning.costmap import Costmap
-from hippomat_core.planning.graph import DIAGONAL, STEPS, STRAIGHT
+from hippomat_core.planning.distance_field import DistanceField
+from hippomat_core.planning.graph import (
+    DIAGONAL,
+    LENGTHS,
+    LONGEST,
+    LOWEST,
+    NO_STEP,
+    ONWARD,
+    STEPS,
+    STRAIGHT,
+    CellPlane,
+    cell_plane,
+)
+from hippomat_core.planning.jump_search import jump_search
 
 Path = NDArray[np.int32]  # (K, 2) [ix, iy], start to goal, both included
+
+_NO_BLOCKED = np.empty((0, 0), np.bool_)
+_STEPS = np.array(STEPS, np.int32)
 
 
 def shortest_path(
@@ -24,31 +52,53 @@ def shortest_path(
     start: tuple[int, int],
     goal: tuple[int, int],
     blocked: NDArray[np.bool_] | None = None,
-    field: NDArray[np.float64] | None = None,
+    field: DistanceField | None = None,
 ) -> Path | None:
     """A shortest path over free cells that are not blocked, or None. Equal input, equal path.
 
     blocked: (H, W) cells to keep out of; the start may be blocked, the goal may not
-    field: (H, W) [m] distance_field(costmap, goal); without it the octile distance guides the search
+    field: distance_field(costmap, goal); without it the octile distance guides the search
     """
-    if not (costmap.is_free(start) and costmap.is_free(goal)):
+    if field is not None and (field.goal != goal or field.shape != costmap.free.shape):
+        raise ValueError(f"the field leads to {field.goal} on a map of {field.shape}, not to {goal}")
+    return plane_path(costmap.graph, start, goal, blocked, None if field is None else field.nodes)
+
+
+def plane_path(
+    plane: CellPlane,
+    start: tuple[int, int],
+    goal: tuple[int, int],
+    blocked: NDArray[np.bool_] | None = None,
+    to_go: NDArray[np.int32] | None = None,
+) -> Path | None:
+    """The same on bare cells. to_go: plane_field(plane, goal)."""
+    if not (plane.is_free(start) and plane.is_free(goal)):
         return None
     if blocked is not None and blocked[goal[1], goal[0]] and goal != start:
         return None  # without searching all the map for it
-    free = costmap.free if blocked is None else costmap.free & ~blocked
-    width = costmap.grid.width + 2  # one cell of border, so that no step needs a range check
-    padded = np.pad(free, 1)
-    padded[start[1] + 1, start[0] + 1] = True
-    origin, target = ((iy + 1) * width + ix + 1 for ix, iy in (start, goal))
-    heuristic = _octile(goal, width) if field is None else _field(field, width, costmap.grid.resolution_m)
-    parents = _search(padded.tobytes(), width, origin, target, heuristic)
-    if parents is None:
-        return None
-    cells = [target]
-    while cells[-1] != origin:
-        cells.append(parents[cells[-1]])
-    flat = np.array(cells[::-1], np.int32)
-    return np.stack([flat % width - 1, flat // width - 1], axis=1).astype(np.int32)
+    if to_go is None:
+        if blocked is not None:
+            free = plane.free & ~blocked
+            free[start[1], start[0]] = True
+            plane = cell_plane(free)
+        scratch = plane.so_far, plane.came, plane.entries
+        path = jump_search(
+            plane.steps_out, plane.offsets, plane.node_of(start), plane.node_of(goal), *scratch
+        )
+    else:
+        blocked = _NO_BLOCKED if blocked is None else np.ascontiguousarray(blocked, np.bool_)
+        path = _down_the_field(
+            plane.steps_out,
+            plane.offsets,
+            blocked,
+            to_go,
+            plane.node_of(start),
+            plane.node_of(goal),
+            plane.so_far,
+            plane.came,
+            plane.entries,
+        )
+    return path if len(path) else None
 
 
 def path_length_m(path: Path, resolution_m: float) -> float:
@@ -60,54 +110,78 @@ def path_length_m(path: Path, resolution_m: float) -> float:
     return steps * resolution_m / STRAIGHT
 
 
-Heuristic = Callable[[int], float]  # flat padded cell -> cost still to go; inf where there is no way
+@njit(cache=True)  # with the interpreter's lock: the scratch belongs to one search at a time
+def _down_the_field(
+    steps_out: NDArray[np.uint8],
+    offsets: NDArray[np.int32],
+    blocked: NDArray[np.bool_],
+    to_go: NDArray[np.int32],
+    origin: int,
+    target: int,
+    so_far: NDArray[np.int32],
+    came: NDArray[np.uint8],
+    entries: Entries,
+) -> NDArray[np.int32]:
+    """(K, 2) [ix, iy] from origin to target; K = 0 where there is no way.
 
-
-def _octile(goal: tuple[int, int], width: int) -> Heuristic:
-    goal_x, goal_y = goal[0] + 1, goal[1] + 1
-
-    def heuristic(cell: int) -> float:
-        dy, dx = abs(cell // width - goal_y), abs(cell % width - goal_x)
-        return STRAIGHT * abs(dx - dy) + DIAGONAL * min(dx, dy)
-
-    return heuristic
-
-
-def _field(field: NDArray[np.float64], width: int, resolution_m: float) -> Heuristic:
-    flat, columns, scale = field.ravel(), width - 2, STRAIGHT / resolution_m
-
-    def heuristic(cell: int) -> float:
-        metres = flat[(cell // width - 1) * columns + cell % width - 1]
-        return round(float(metres) * scale) if metres < math.inf else math.inf
-
-    return heuristic
-
-
-def _search(free: bytes, width: int, origin: int, target: int, heuristic: Heuristic) -> dict[int, int] | None:
-    """Parents of the cells reached, or None. Ties: nearer to the goal first, then the smaller cell number."""
-    moves = [(dx + dy * width, dx, dy * width, DIAGONAL if dx and dy else STRAIGHT) for dx, dy in STEPS]
-    best: dict[int, float] = {origin: 0}
-    parents: dict[int, int] = {}
-    to_go: dict[int, float] = {origin: heuristic(origin)}
-    closed: set[int] = set()
-    queue = [(to_go[origin], to_go[origin], origin)] if to_go[origin] < math.inf else []
-    while queue:
-        _, _, cell = heappop(queue)
-        if cell == target:
-            return parents
-        if cell in closed:
+    blocked: (H, W), or empty   so_far, came: scratch; so_far is all 0 before and after
+    A bucket may hold several totals; a cell that gets shorter within its bucket is expanded once more.
+    """
+    width = int(offsets[1])
+    heads, slate = empty_heads(2 * DIAGONAL), new_slate(width, origin, target)
+    bucket = to_go[origin] // BUCKET
+    if to_go[origin] < LONGEST:
+        so_far[origin], came[origin] = 1, NO_STEP
+        put(heads, entries, slate, to_go[origin], origin, origin // width, 1)
+    while slate[WAITING] > 0 and bucket * BUCKET < slate[SHORTEST]:
+        entry = take(heads, entries, slate, bucket)
+        if entry < 0:
+            bucket += 1
             continue
-        closed.add(cell)
-        so_far = best[cell]
-        for step, across, along, cost in moves:
-            other = cell + step
-            if not (free[other] and free[cell + across] and free[cell + along]) or other in closed:
+        node, row = int(entries[entry, NODE]), int(entries[entry, ROW])
+        length = int(entries[entry, LENGTH])
+        if so_far[node] != length:
+            continue  # reached by a shorter way since
+        steps = int(steps_out[node])
+        if blocked.size:
+            steps = _unblocked(steps, blocked, node - row * width - 1, row - 1, node, origin, offsets)
+        steps = int(ONWARD[came[node], steps])
+        while steps:
+            step = LOWEST[steps]
+            steps &= steps - 1
+            end, there = node + offsets[step], length + LENGTHS[step]
+            before, total = so_far[end], there + to_go[end]
+            if (before != 0 and there >= before) or total >= slate[SHORTEST]:
                 continue
-            total = so_far + cost
-            if total < best.get(other, math.inf):
-                best[other], parents[other] = total, cell
-                if other not in to_go:
-                    to_go[other] = heuristic(other)
-                if to_go[other] < math.inf:
-                    heappush(queue, (total + to_go[other], to_go[other], other))
-    return None
+            so_far[end], came[end] = there, step
+            if to_go[end] == 0:
+                slate[SHORTEST] = there
+            else:
+                put(heads, entries, slate, total, end, row + _STEPS[step, 1], there)
+    return way_back(so_far, came, offsets, slate)
+
+
+@njit(cache=True, nogil=True)
+def _unblocked(
+    steps: int,
+    blocked: NDArray[np.bool_],
+    ix: int,
+    iy: int,
+    node: int,
+    origin: int,
+    offsets: NDArray[np.int32],
+) -> int:
+    """Of the steps out of (ix, iy) those that touch no blocked cell; the origin counts as free."""
+    left = 0
+    for k in range(4):
+        if steps >> k & 1:
+            end_blocked = blocked[iy + _STEPS[k, 1], ix + _STEPS[k, 0]] and node + offsets[k] != origin
+            if not end_blocked:
+                left |= 1 << k
+    for k in range(4, 8):
+        both = 1 << (k - 4) | 1 << (k - 3) % 4
+        if steps >> k & 1 and left & both == both:
+            end_blocked = blocked[iy + _STEPS[k, 1], ix + _STEPS[k, 0]] and node + offsets[k] != origin
+            if not end_blocked:
+                left |= 1 << k
+    return left

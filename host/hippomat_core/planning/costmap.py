@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.planning.graph import CellGraph, cell_graph
+from hippomat_core.planning.graph import CellPlane, cell_plane
 
 INSCRIBED, LETHAL, NO_INFORMATION = 253, 254, 255
 OCCUPIED_FROM = 65  # percent; map_server's occupied_thresh
@@ -30,7 +29,7 @@ class Costmap:
     free: NDArray[np.bool_]  # the robot's centre may be here
     clearance_m: NDArray[np.float32]  # cell centre to the nearest occupied edge; 0 inside obstacles
     cost: NDArray[np.uint8]  # nav2: 254 lethal, 253 nearer than radius, then decaying, 255 unknown
-    graph: CellGraph
+    graph: CellPlane
 
     def centres(self, cells: NDArray[np.int32]) -> NDArray[np.float64]:
         """(n, 2) [m]: the middles of cells (n, 2) [ix, iy]."""
@@ -59,7 +58,7 @@ def inflate(
     cost[clearance_m < radius_m] = INSCRIBED
     cost[unknown] = NO_INFORMATION
     cost[occupied] = LETHAL
-    return Costmap(grid, radius_m, free, clearance_m, cost, cell_graph(free))
+    return Costmap(grid, radius_m, free, clearance_m, cost, cell_plane(free))
 
 
 def _clearance_m(occupied: NDArray[np.bool_], resolution_m: float) -> NDArray[np.float32]:
@@ -83,10 +82,18 @@ def reachable(costmap: Costmap, x_m: float, y_m: float) -> NDArray[np.bool_]:
     mask = np.zeros(costmap.free.shape, bool)
     cell = nearest_free(costmap, x_m, y_m)
     if cell is not None:
-        _, label = connected_components(costmap.graph.weights, directed=False)
-        cells = costmap.graph.cells[label == label[costmap.graph.node_of[cell[1], cell[0]]]]
-        mask[cells[:, 1], cells[:, 0]] = True
+        part = parts(costmap.free)
+        mask = part == part[cell[1], cell[0]]
     return mask
+
+
+def parts(free: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """(H, W) which connected part a free cell belongs to, 1 .. n; 0 where not free.
+
+    Without corner cutting a diagonal step never leads where straight ones do not.
+    """
+    _, label = cv2.connectedComponents(free.astype(np.uint8), connectivity=4, ltype=cv2.CV_32S)
+    return np.asarray(label, np.int32)
 
 
 def nearest_free(costmap: Costmap, x_m: float, y_m: float, reach_m: float = 0.25) -> tuple[int, int] | None:

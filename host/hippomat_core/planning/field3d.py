@@ -1,9 +1,9 @@
 """Shortest way from every cell of a 3D grid to one goal: 26-connected, no corner cutting, exact in integers.
 
-A diagonal step needs every cell of the box it spans free: a robot has width. One layer (Z = 1) is the ground.
-Step lengths are 20586, 29113 and 35656 for 1, sqrt(2) and sqrt(3) cells (ratios right to 6e-8), so that sums
-are exact in every order. Knows cells, not metres. Buckets no wider than the shortest step settle every cell
-in one pass (Dial 1969, Algorithm 360; Denardo and Fox 1979).
+A diagonal step needs every cell of the box it spans free: a robot has width. One layer (Z = 1) is the ground,
+which CellPlane (graph.py) holds in a tenth of the memory. Step lengths are graph.py's. Knows cells, not
+metres. Buckets no wider than the shortest step settle every cell in one pass (Dial 1969, Algorithm 360;
+Denardo and Fox 1979).
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-STRAIGHT, DIAGONAL, SPACE_DIAGONAL = 20586, 29113, 35656
-UNREACHED = int(np.iinfo(np.int32).max)
+from hippomat_core.planning.graph import DIAGONAL, LONGEST, SPACE_DIAGONAL, STRAIGHT, UNREACHED
+
 # (dx, dy, dz), straight ones first: the order in which ties between equally short ways are broken.
 STEPS_3D = tuple(
     sorted((step for step in product((-1, 0, 1), repeat=3) if any(step)), key=lambda step: -step.count(0))
 )
-_LENGTHS = np.array(
+LENGTHS_3D = np.array(
     [(0, STRAIGHT, DIAGONAL, SPACE_DIAGONAL)[3 - step.count(0)] for step in STEPS_3D], np.int32
 )
 _STEPS = np.array(STEPS_3D, np.int32)
@@ -37,14 +37,19 @@ class CellSpace:
     steps_out: NDArray[np.uint32]
     offsets: NDArray[np.int32]  # (26,) from an index into steps_out to that of the step's end
 
-    def is_free(self, cell: tuple[int, int, int]) -> bool:
+    @property
+    def lengths(self) -> NDArray[np.int32]:
+        """(26,) of the steps."""
+        return LENGTHS_3D
+
+    def is_free(self, cell: tuple[int, ...]) -> bool:
         """Whether (ix, iy, iz) is inside the grid and free."""
         layers, height, width = self.free.shape
         ix, iy, iz = cell
         inside = 0 <= ix < width and 0 <= iy < height and 0 <= iz < layers
         return inside and bool(self.free[iz, iy, ix])
 
-    def node_of(self, cell: tuple[int, int, int]) -> int:
+    def node_of(self, cell: tuple[int, ...]) -> int:
         """Index of (ix, iy, iz) into steps_out."""
         _, height, width = self.free.shape
         ix, iy, iz = cell
@@ -73,10 +78,16 @@ def distance_field_3d(space: CellSpace, cell: tuple[int, int, int]) -> NDArray[n
     UNREACHED where there is no way; everywhere if the goal itself is outside or not free.
     """
     layers, height, width = space.free.shape
+    nodes = space_field(space, cell)
+    return nodes.reshape(layers + 2, height + 2, width + 2)[1:-1, 1:-1, 1:-1]
+
+
+def space_field(space: CellSpace, cell: tuple[int, ...]) -> NDArray[np.int32]:
+    """The same by node, ((Z + 2) (Y + 2) (X + 2),), with a border of UNREACHED."""
     field = np.full(space.steps_out.shape, UNREACHED, np.int32)
     if space.is_free(cell):
         _spread(space.steps_out, space.offsets, space.node_of(cell), field)
-    return field.reshape(layers + 2, height + 2, width + 2)[1:-1, 1:-1, 1:-1]
+    return field
 
 
 def way_down(space: CellSpace, field: NDArray[np.int32], cell: tuple[int, int, int]) -> NDArray[np.int32]:
@@ -119,8 +130,8 @@ def _spread(
             for bit in range(26):
                 if steps >> np.uint32(bit) & np.uint32(1):
                     end = node + offsets[bit]
-                    there, before = reached + _LENGTHS[bit], field[end]
-                    if there < before:
+                    there, before = reached + LENGTHS_3D[bit], field[end]
+                    if there < before and there <= LONGEST:
                         field[end] = there
                         if there // STRAIGHT != before // STRAIGHT:
                             slot = there // STRAIGHT % _RING
@@ -140,7 +151,7 @@ def _descend(steps_out: NDArray[np.uint32], field: NDArray[np.int32], way: NDArr
         for bit in range(26):
             if steps_out[iz, iy, ix] >> np.uint32(bit) & np.uint32(1):
                 dx, dy, dz = _STEPS[bit]
-                if field[iz + dz, iy + dy, ix + dx] + _LENGTHS[bit] == field[iz, iy, ix]:
+                if field[iz + dz, iy + dy, ix + dx] + LENGTHS_3D[bit] == field[iz, iy, ix]:
                     chosen = bit
                     break
         if chosen < 0 or count == len(way):

@@ -9,16 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from hippomat_core.config import Config
 from hippomat_core.errors import MapError
 from hippomat_core.fleet.sites import task_sites
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.planning.costmap import Costmap, inflate
+from hippomat_core.planning.costmap import Costmap, inflate, parts
 from hippomat_core.planning.distance_field import distance_field
-
-FIELDS_KEPT = 4  # beside those of the open tasks: a claim keeps its destination when its slot turns
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,11 +49,10 @@ def ground_of(grid: OccupancyGrid, epoch: int, config: Config) -> Ground:
 
 
 def _largest_part(costmap: Costmap) -> NDArray[np.bool_]:
-    mask = np.zeros(costmap.free.shape, bool)
-    if len(costmap.graph.cells):
-        _, label = connected_components(costmap.graph.weights, directed=False)
-        cells = costmap.graph.cells[label == np.argmax(np.bincount(label))]
-        mask[cells[:, 1], cells[:, 0]] = True
+    part = parts(costmap.free)
+    sizes = np.bincount(part.ravel())
+    sizes[0] = 0
+    mask: NDArray[np.bool_] = (part == np.argmax(sizes)) & costmap.free
     return mask
 
 
@@ -73,26 +69,3 @@ def _longest_way_m(costmap: Costmap, sites: NDArray[np.int16]) -> float:
         iy, ix = np.unravel_index(int(np.argmax(finite)), field.shape)
         cell, longest_m = (int(ix), int(iy)), float(finite[iy, ix])
     return max(longest_m * 1.1, costmap.grid.resolution_m)
-
-
-Key = tuple[int, int]  # slot, generation
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fields:
-    """One distance field per task, kept until that task or the map changes."""
-
-    by_task: dict[Key, NDArray[np.float64]]  # never written to after it is stored; newest last
-
-    def with_tasks(self, ground: Ground, wanted: dict[Key, tuple[float, float]]) -> Fields:
-        """Fields for all wanted tasks (key -> x, y in metres), computing only those that are missing."""
-        missing = [key for key in wanted if key not in self.by_task]
-        if not missing:
-            return self
-        old = {key: field for key, field in self.by_task.items() if key not in wanted}
-        kept = dict(list(old.items())[-FIELDS_KEPT:])
-        for key, (x_m, y_m) in wanted.items():
-            held = self.by_task.get(key)
-            cell = ground.costmap.grid.cell_of(x_m, y_m)
-            kept[key] = distance_field(ground.costmap, cell) if held is None else held
-        return Fields(kept)

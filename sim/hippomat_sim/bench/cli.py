@@ -19,6 +19,7 @@ examples:
   hippomat-bench radio --nodes 30 --rate 10 --hidden 0.2 --seconds 60
   hippomat-bench radio --loss 0.3 --json
   hippomat-bench radio --faults --seconds 3600 --no-plain --plot agreement.png
+  hippomat-bench slam intel_raw_odometry.log.gz --picture map.png
   hippomat-bench tables --out build/tables --resume
   hippomat-bench tables --only fixed --methods graphsage,greedy --agents 5,10 --episodes 200
 """
@@ -26,6 +27,9 @@ _RADIO = """\
 Simulates the firmware's own radio cores on a medium with carrier sense, hidden stations and
 collisions, each with a minimal host and a clock of its own; beside it the same traffic with random
 jitter and unsynchronised periodic sending."""
+_SLAM = """\
+Maps a lidar log in CARMEN's format as a robot would, scan by scan, closes loops, sharpens the map, and
+compares the poses with measured relations where there are any."""
 _TABLES = """\
 Compares every way to allocate on the same frozen problems: the paper's four tables beside its own
 values, fixed and continuous tasks, what learning adds, losses, larger fleets, permuted slots. Writes
@@ -43,7 +47,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _main(arguments: Sequence[str] | None) -> int:
-    from hippomat_sim.bench import radio_command, tables_command  # here: guarded() names a missing package
+    from hippomat_sim.bench import (
+        radio_command,
+        slam_command,
+        tables_command,
+    )  # here: guarded() names a missing package
 
     parser = _Parser(
         prog="hippomat-bench",
@@ -51,7 +59,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="radio | tables")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="radio | slam | tables")
     radio = commands.add_parser(
         "radio",
         help="delivery, fleet time, snapshots and STOP of a fleet of radios",
@@ -61,6 +69,15 @@ def _main(arguments: Sequence[str] | None) -> int:
     )
     radio_command.add_options(radio)
     radio.set_defaults(run=radio_command.run)
+    slam = commands.add_parser(
+        "slam",
+        help="mapping from lidar logs: errors against measured relations, time per scan, the map",
+        description=_SLAM,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    slam_command.add_options(slam)
+    slam.set_defaults(run=slam_command.run)
     tables = commands.add_parser(
         "tables",
         help="what the ways to allocate achieve, beside the paper's values",

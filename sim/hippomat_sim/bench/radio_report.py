@@ -47,7 +47,7 @@ def show(report: RadioReport, console: Console) -> None:
     console.print(_traffic_table(report))
     console.print(Text(f"{NOTES} {PLAIN_NOTE}" if report.plain else NOTES, style="dim"))
     console.print(_fleet_table(report.ours))
-    console.print(_target_table(report.targets))
+    console.print(target_table(report.targets))
     console.print(Text(verdict(report.targets), style="bold green" if report.met else "bold red"))
 
 
@@ -70,18 +70,19 @@ def as_json(report: RadioReport) -> dict[str, Any]:
     ]
     plain = {name: asdict(traffic) for name, traffic in report.plain.items()}
     whole = {"settings": asdict(report.settings), "ours": ours, "plain": plain, "targets": targets}
-    return _without_nan(whole | {"met": report.met})  # type: ignore[no-any-return]
+    return without_nan(whole | {"met": report.met})  # type: ignore[no-any-return]
 
 
-def _without_nan(value: Any) -> Any:
+def without_nan(value: Any) -> Any:
+    """The same tree with None for NaN: JSON has no NaN."""
     if isinstance(value, dict):
-        return {key: _without_nan(one) for key, one in value.items()}
+        return {key: without_nan(one) for key, one in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_without_nan(one) for one in value]
+        return [without_nan(one) for one in value]
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
-def _table(title: str, *columns: str) -> Table:
+def plain_table(title: str, *columns: str) -> Table:
     """The first column gives way where the terminal is narrow; what it says goes on in the next line."""
     table = Table(title=title, title_justify="left", title_style="bold")
     table.box, table.padding = SIMPLE_HEAD, (0, 1, 0, 0)
@@ -97,7 +98,7 @@ def _traffic_table(report: RadioReport) -> Table:
         f"{settings.nodes} nodes at {settings.rate_hz:g} Hz, {settings.tasks} tasks, {settings.seconds:g} s, "
         f"{settings.loss:.0%} loss, {settings.hidden:.0%} of the pairs hidden, seed {settings.seed}"
     )
-    table = _table(title, "sending", "ours", *report.plain)
+    table = plain_table(title, "sending", "ours", *report.plain)
     sent = [ours.traffic, *report.plain.values()]
     nothing = ["-"] * len(report.plain)
     table.add_row("direct, %", *(_percent(one.direct.mean, 2) for one in sent))
@@ -116,7 +117,7 @@ def _percent(share: float, digits: int) -> str:
 
 
 def _fleet_table(ours: OurFigures) -> Table:
-    table = _table("our fleet", "what", "figure")
+    table = plain_table("our fleet", "what", "figure")
     table.columns[1].no_wrap = False  # a list of STOPs is long
     median_us, p99_us, max_us = ours.agreement_us
     table.add_row("complete snapshots", f"{_percent(ours.complete, 3)} % of {ours.judged}")
@@ -133,8 +134,9 @@ def _fleet_table(ours: OurFigures) -> Table:
     return table
 
 
-def _target_table(targets: Sequence[Target]) -> Table:
-    table = _table("targets", "what", "measured", "required", "")
+def target_table(targets: Sequence[Target]) -> Table:
+    """Measured beside required."""
+    table = plain_table("targets", "what", "measured", "required", "")
     for target in targets:
         measured = "-" if math.isnan(target.value) else f"{target.value:.6g} {target.unit}"
         required = f"{'>=' if target.at_least else '<='} {target.bound:g} {target.unit}"

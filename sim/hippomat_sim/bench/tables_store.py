@@ -30,7 +30,7 @@ _PACKAGES = (
 )
 _MODULES = (
     *("hippomat_core.config", "hippomat_core.fields", "hippomat_core.settings_tree"),
-    *("hippomat_core.planning.field3d", "hippomat_sim.bench.tables_measure"),
+    *("hippomat_core.planning.field3d", "hippomat_core.planning.graph", "hippomat_sim.bench.tables_measure"),
 )
 _NO_SOURCE = (  # of those packages: only training reads these
     *("advantages", "checkpoint", "cli", "curves", "export", "frozen_set", "interrupt", "ippo", "optimal"),

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.errors import ConfigError
-from hippomat_core.planning.field3d import STRAIGHT, UNREACHED, distance_field_3d
+from hippomat_core.planning.field3d import distance_field_3d
+from hippomat_core.planning.graph import STRAIGHT, UNREACHED
 from hippomat_sim.learn.settings import UAV, UGV, WorldSettings
 from hippomat_sim.learn.worlds import CELL_M, World
 

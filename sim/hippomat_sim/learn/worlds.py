@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from hippomat_core.allocation.pure_hash import hash_many
 from hippomat_core.errors import ConfigError
-from hippomat_core.planning.field3d import UNREACHED, CellSpace, cell_space, distance_field_3d
+from hippomat_core.planning.field3d import CellSpace, cell_space, distance_field_3d
+from hippomat_core.planning.graph import UNREACHED
 from hippomat_sim.learn.settings import UAV, UGV, WorldSettings
 
 CELL_M = 1.0

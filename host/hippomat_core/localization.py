@@ -1,0 +1,123 @@
+"""Localization as the robot's events drive it: sweeps move the localizer on, ticks let it search.
+
+Decides what a sweep shows of the map (peers are left out) and what is recorded and said of it. Where the
+robot is, is slam/localizer.py's affair.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hippomat_core.control.navigator import forget_path
+from hippomat_core.mapping import with_answer
+from hippomat_core.mapping import with_sweep as charted
+from hippomat_core.messages import WARNING, AlarmRaised, Effect, Localized, LoopsClosed, ScanReceived
+from hippomat_core.planning.ground import Ground
+from hippomat_core.reactions import BY_CODE
+from hippomat_core.slam.localizer import (
+    Localizer,
+    Seen,
+    first_localizer,
+    on_new_map,
+    saved_map,
+    with_sweep,
+    with_work,
+)
+from hippomat_core.slam.masking import masked
+from hippomat_core.slam.pose2 import compose
+from hippomat_core.slam.sweep import deskewed
+from hippomat_core.state import State
+from hippomat_core.wire.frames import FLAG_LOCALIZED
+
+
+def on_map(state: State, ground: Ground, now_ns: int) -> State:
+    """With a map that is new, or changed: the pose in it is what it was before, and has to be checked."""
+    config = state.config
+    if state.observes or config.slam.mode != "auto" or config.ros.localizes or config.ros.scans:
+        return replace(state, place=None)
+    saved = saved_map(ground.costmap, config.robot.radius_m)
+    if state.place is not None:
+        return replace(state, place=on_new_map(state.place, saved, now_ns))
+    known = config.robot.start_known
+    place = first_localizer(saved, config.lidar, config.slam, state.odometry.pose, known, now_ns)
+    return replace(state, place=place)
+
+
+def on_sweep(state: State, event: ScanReceived, effects: list[Effect]) -> State:
+    """After a whole sweep."""
+    before = state.place
+    if before is None and state.charting is None:
+        return state
+    points, odom, at_ns = deskewed(event, state.sweeps, state.odometry, state.config.lidar)
+    if state.charting is not None:
+        shown = masked(points, state.pose, _peers_m(state, event.stamp_ns), state.config.robot.radius_m)
+        return replace(state, charting=charted(state.charting, event, (shown, odom, at_ns), effects))
+    assert before is not None
+    shown = points
+    if before.localized:
+        pose = compose(before.map_from_odom, odom)
+        shown = masked(points, pose, _peers_m(state, event.stamp_ns), state.config.robot.radius_m)
+    after = with_sweep(before, Seen(shown, odom), event.stamp_ns)
+    effects.append(_record(after, at_ns, len(points) - len(shown)))
+    return _told(state, before, after, effects)
+
+
+def on_loops_closed(state: State, event: LoopsClosed) -> tuple[State, tuple[Effect, ...]]:
+    """The answer of the solver outside; one that nobody asked for changes nothing."""
+    if state.charting is None:
+        return state, ()
+    effects: list[Effect] = []
+    if event.text:
+        effects.append(AlarmRaised(WARNING, "loops_open", f"loops of the map are not closed: {event.text}"))
+    state = replace(state, charting=with_answer(state.charting, event, effects))
+    return state, tuple(effects)
+
+
+def on_tick(state: State, now_ns: int, effects: list[Effect]) -> State:
+    """A search of the whole map goes on, where there is one."""
+    before = state.place
+    return state if before is None else _told(state, before, with_work(before, now_ns), effects)
+
+
+def _told(state: State, before: Localizer, after: Localizer, effects: list[Effect]) -> State:
+    """What changed is said; a robot that finds itself somewhere plans anew."""
+    if after.why and after.why != before.why and "not_localized" in state.alarms:
+        effects.append(AlarmRaised(BY_CODE["not_localized"].level, "not_localized", after.why))
+    if after.localized and not before.localized:
+        return replace(state, place=after, navigator=forget_path(state.navigator), outcome=None)
+    return replace(state, place=after)
+
+
+def _peers_m(state: State, now_ns: int) -> NDArray[np.float64]:
+    """(k, 2) [m]: where peers of our fleet, and so in our map, say that they are."""
+    fresh_ns = state.config.planning.peer_stale_s * 1e9
+    at = [
+        (peer.frame.x_cm / 100, peer.frame.y_cm / 100)
+        for peer in state.fleet.peers
+        if peer is not None
+        and peer.agrees
+        and peer.frame.flags & FLAG_LOCALIZED
+        and now_ns - peer.stamp_ns <= fresh_ns
+    ]
+    return np.array(at).reshape(-1, 2)
+
+
+def _record(place: Localizer, at_ns: int, masked_count: int) -> Localized:
+    x_m, y_m, yaw_rad = compose(place.map_from_odom, place.odom)
+    unknown = place.estimate is None
+    covariance = np.zeros(9) if place.estimate is None else place.estimate.stated.ravel()
+    fit = place.fit
+    return Localized(
+        at_ns,
+        place.phase,
+        *((0.0, 0.0, 0.0) if unknown else (x_m, y_m, yaw_rad)),
+        fit.score,
+        covariance,
+        fit.on_walls,
+        fit.through_walls,
+        fit.unexplained,
+        masked_count,
+    )
