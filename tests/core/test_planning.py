@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recorded_data import data_folder
 
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.planning.astar import path_length_m, shortest_path
@@ -136,20 +135,3 @@ def test_a_robot_slightly_too_near_a_wall_still_has_a_cell_and_a_cost() -> None:
     assert distance_at(costmap, field, x_m, y_m) == pytest.approx(0.45, abs=0.08)
     assert nearest_free(costmap, 9.0, 9.0) is None
     assert math.isinf(distance_at(costmap, field, 9.0, 9.0))
-
-
-@pytest.mark.parametrize("name", ["arena", "den011d"])
-def test_movingai_lengths_are_matched(name: str) -> None:
-    folder = data_folder() / "movingai"
-    head, *rows = (folder / f"{name}.map").read_text().split("\nmap\n", 1)
-    rows = rows[0].splitlines()[: int(head.split()[3])]  # height; arena.map has a note behind the map
-    free = np.array([[c in ".GS" for c in row] for row in rows])
-    costmap = inflate(OccupancyGrid(np.where(free, 0, 100).astype(np.int8), 1.0, 0.0, 0.0), 0.1)
-    lines = (folder / f"{name}.map.scen").read_text().splitlines()
-    queries = [line.split("\t") for line in lines if line.count("\t") == 8]
-    for query in queries[:: len(queries) // 25]:
-        sx, sy, gx, gy = (int(value) for value in query[4:8])
-        path = shortest_path(costmap, (sx, sy), (gx, gy))
-        assert path is not None
-        assert path_fault(free, path, (sx, sy), (gx, gy)) == ""
-        assert path_length_m(path, 1.0) == pytest.approx(float(query[8]), rel=1e-4)

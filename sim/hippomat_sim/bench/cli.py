@@ -19,6 +19,7 @@ examples:
   hippomat-bench radio --nodes 30 --rate 10 --hidden 0.2 --seconds 60
   hippomat-bench radio --loss 0.3 --json
   hippomat-bench radio --faults --seconds 3600 --no-plain --plot agreement.png
+  hippomat-bench plan FILE.scen... --matrix
   hippomat-bench tables --out build/tables --resume
   hippomat-bench tables --only fixed --methods graphsage,greedy --agents 5,10 --episodes 200
 """
@@ -26,6 +27,10 @@ _RADIO = """\
 Simulates the firmware's own radio cores on a medium with carrier sense, hidden stations and
 collisions, each with a minimal host and a clock of its own; beside it the same traffic with random
 jitter and unsynchronised periodic sending."""
+_PLAN = """\
+Asks every query of MovingAI scenarios, judges each path by an independent checker, and a sample of the
+queries also plain A* with heapq and other people's path finders; --matrix compares the travel costs of
+a decision in the air."""
 _TABLES = """\
 Compares every way to allocate on the same frozen problems: the paper's four tables beside its own
 values, fixed and continuous tasks, what learning adds, losses, larger fleets, permuted slots. Writes
@@ -43,7 +48,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _main(arguments: Sequence[str] | None) -> int:
-    from hippomat_sim.bench import radio_command, tables_command  # here: guarded() names a missing package
+    from hippomat_sim.bench import (
+        plan_command,
+        radio_command,
+        tables_command,
+    )  # here: guarded() names what is missing
 
     parser = _Parser(
         prog="hippomat-bench",
@@ -51,7 +60,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="radio | tables")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="radio | plan | tables")
     radio = commands.add_parser(
         "radio",
         help="delivery, fleet time, snapshots and STOP of a fleet of radios",
@@ -61,6 +70,15 @@ def _main(arguments: Sequence[str] | None) -> int:
     )
     radio_command.add_options(radio)
     radio.set_defaults(run=radio_command.run)
+    plan = commands.add_parser(
+        "plan",
+        help="shortest paths on published scenarios: right, feasible, how fast",
+        description=_PLAN,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    plan_command.add_options(plan)
+    plan.set_defaults(run=plan_command.run)
     tables = commands.add_parser(
         "tables",
         help="what the ways to allocate achieve, beside the paper's values",

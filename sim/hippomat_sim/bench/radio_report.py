@@ -47,7 +47,7 @@ def show(report: RadioReport, console: Console) -> None:
     console.print(_traffic_table(report))
     console.print(Text(f"{NOTES} {PLAIN_NOTE}" if report.plain else NOTES, style="dim"))
     console.print(_fleet_table(report.ours))
-    console.print(_target_table(report.targets))
+    console.print(target_table(report.targets))
     console.print(Text(verdict(report.targets), style="bold green" if report.met else "bold red"))
 
 
@@ -133,7 +133,8 @@ def _fleet_table(ours: OurFigures) -> Table:
     return table
 
 
-def _target_table(targets: Sequence[Target]) -> Table:
+def target_table(targets: Sequence[Target]) -> Table:
+    """One row each: measured, required, verdict."""
     table = _table("targets", "what", "measured", "required", "")
     for target in targets:
         measured = "-" if math.isnan(target.value) else f"{target.value:.6g} {target.unit}"
