@@ -52,6 +52,23 @@ def test_inflation_keeps_the_radius_from_walls_and_never_enters_the_unknown() ->
     assert inflate(unknown, 0.17, allow_unknown=True).free[40:44, 40:44].all()
 
 
+@given(SEEDS, st.floats(0.0, 0.3), st.floats(0.0, 0.1))
+@settings(max_examples=60, deadline=None)
+def test_a_larger_radius_and_more_obstacles_only_ever_take_free_cells_away(
+    seed: int, radius_m: float, more_m: float
+) -> None:
+    grid = random_grid(seed, 16, 0.08)
+    rng = np.random.default_rng(seed)
+    cells = grid.cells.copy()
+    cells[rng.random(cells.shape) < 0.05] = 100
+    fuller = OccupancyGrid(cells, grid.resolution_m, grid.origin_x_m, grid.origin_y_m)
+    costmap = inflate(grid, radius_m)
+    for other in (inflate(grid, radius_m + more_m), inflate(fuller, radius_m)):
+        assert not (other.free & ~costmap.free).any()
+        known = (costmap.cost < 255) & (other.cost < 255)
+        assert (other.cost >= costmap.cost)[known].all()
+
+
 def test_costs_are_nav2s() -> None:
     cells = np.zeros((1, 40), np.int8)
     cells[0, 0], cells[0, 39] = 100, -1
