@@ -165,7 +165,7 @@ def _spread(
 
 
 @njit(cache=True, nogil=True)
-def lowest_bit(bits: int) -> int:
+def lowest_bit(bits: int | np.int64) -> int:
     """The place of the lowest bit set of 32 (Leiserson, Prokop, Randall 1998)."""
     return int(_PLACES[((bits & -bits) * _DE_BRUIJN & 0xFFFFFFFF) >> 27])
 

@@ -89,6 +89,7 @@ def _matrix_targets(matrix: MatrixResult | None) -> list[Target]:
         return []
     return [
         Target("cost matrix, differing values", matrix.wrong, 0, False, ""),
+        Target("infeasible paths in the air", matrix.infeasible, 0, False, ""),
         Target("cost matrix, heapq A* / ours", matrix.ratio, LEAST_MATRIX_RATIO, True, "x"),
     ]
 
@@ -129,4 +130,5 @@ def _matrix_table(matrix: MatrixResult) -> Table:
     table.add_row("  the matrix", f"{matrix.lookup_us:.1f} us")
     table.add_row(f"heapq A* ({asked})", f"{matrix.plain_ms:,.0f} ms")
     table.add_row("ratio", f"{matrix.ratio:,.0f}")
+    table.add_row("one path, heapq A* / our A*", f"{matrix.path_ratio:,.0f}")
     return table

@@ -6,12 +6,10 @@ feasible where planning/feasibility.py finds no fault, which shares no code with
 
 from __future__ import annotations
 
-import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +144,7 @@ class _Judge:
 
 def path_length(path: NDArray[np.int32]) -> float:
     """[cells] from centre to centre."""
-    return sum(math.dist(one, other) for one, other in pairwise(path.tolist()))
+    return float(np.hypot(*np.diff(path, axis=0).T).sum())
 
 
 def _timed(finder: Finder, query: Query) -> tuple[Found, float]:
