@@ -28,6 +28,7 @@ check: lint test
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m benchmarks
+	$(BIN)/hippomat-bench plan "$(HIPPOMAT_DATA)"/movingai/*.scen --matrix
 
 # docs/results.md, its CSV and its pictures: trains what is missing in build/runs (the paper's networks for one fleet
 # size each; STEPS=N agent steps instead of the usual), then measures everything: an hour or two on two cores.

@@ -26,9 +26,11 @@ from hippomat_core.messages import StateHeard
 from hippomat_core.planning.astar import shortest_path
 from hippomat_core.planning.costmap import Costmap, inflate
 from hippomat_core.planning.distance_field import distance_at, distance_field
+from hippomat_core.planning.field_cache import Fields, Key
 from hippomat_core.wire.codec import decode_frame, encode_frame
 from hippomat_core.wire.frames import NO_CLAIM, STATE, Header, StateFrame
 from hippomat_logs.schema import MessageStore, type_name
+from hippomat_sim.bench.plan_plain import plain_path
 from hippomat_sim.radio import load_library
 
 ROBOTS = TASKS = 30
@@ -66,11 +68,12 @@ def costs_of_a_round() -> Result:
     fields = [distance_field(costmap, (int(ix), int(iy))) for ix, iy in sites]
     x_m, y_m = costmap.grid.centre_of(*start)
     goals = [(int(ix), int(iy)) for ix, iy in sites]
+    rows = costmap.free.tolist()
     return compare(
         f"travel costs of a round, {TASKS} tasks (fields kept)",
         lambda: [distance_at(costmap, field, x_m, y_m) for field in fields],
         "A* per task, heapq",
-        lambda: [shortest_path(costmap, start, goal) for goal in goals],
+        lambda: [plain_path(rows, start, goal) for goal in goals],
         pairs=3,
     )
 
@@ -79,11 +82,40 @@ def path_around_peers() -> Result:
     costmap, start, goal = _hall()
     field = distance_field(costmap, goal)
     return compare(
-        "re-planned path, exact field as heuristic",
+        "path, exact field as heuristic",
         lambda: shortest_path(costmap, start, goal, None, field),
-        "the same A*, octile heuristic",
+        "jump point search without it",
         lambda: shortest_path(costmap, start, goal),
-        pairs=5,
+    )
+
+
+def path_across_a_hall() -> Result:
+    costmap, start, goal = _hall()
+    rows = costmap.free.tolist()
+    return compare(
+        "path, jump point search",
+        lambda: shortest_path(costmap, start, goal),
+        "A* with heapq",
+        lambda: plain_path(rows, start, goal),
+        pairs=3,
+    )
+
+
+def fields_over_a_map_change() -> Result:
+    """A crate that changes the way to none but itself: which of the fields are still right?"""
+    costmap, _, _ = _hall()
+    sites = costmap.graph.cells[:: len(costmap.graph.cells) // TASKS][:TASKS].tolist()
+    goals: dict[Key, tuple[int, ...]] = {(slot, 0): (ix, iy) for slot, (ix, iy) in enumerate(sites)}
+    fields = Fields({}).with_goals(costmap.graph, goals, 0.05)
+    cells = costmap.grid.cells.copy()
+    cells[1, 1] = 100
+    changed = inflate(OccupancyGrid(cells, 0.05, 0.0, 0.0), 0.17)
+    return compare(
+        f"map change, {TASKS} fields checked and kept",
+        lambda: fields.with_space(costmap.graph, changed.graph),
+        "computed anew",
+        lambda: Fields({}).with_goals(changed.graph, goals, 0.05),
+        pairs=3,
     )
 
 
@@ -252,6 +284,8 @@ CASES: dict[str, Callable[[], Result]] = {
         path_around_peers,
         path_following,
         scan_guard,
+        path_across_a_hall,
+        fields_over_a_map_change,
         allocation,
         state_decoding,
         record_encoding,

@@ -1,4 +1,4 @@
-"""Decide, localize and drive once before the ports open: what numba compiles must not stall a robot.
+"""Decide, localize, plan and drive once before the ports open: what numba compiles must not stall a robot.
 
 Takes seconds to a minute where nothing was compiled yet, and milliseconds from compiled code that was kept.
 """
@@ -14,6 +14,7 @@ from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.warm_up import warm_up
 from hippomat_core.config import Config, FleetConfig
 from hippomat_core.control.warm_up import warm_up as warm_up_control
+from hippomat_core.planning import warm_up as planning_warm_up
 from hippomat_core.slam import warm_up as slam
 from hippomat_core.slam.mapper_warm_up import warm_up_mapper
 from hippomat_logs.policy_files import naming, policy_name
@@ -45,6 +46,12 @@ def prepare_mapper(say: Callable[[str], None]) -> None:
     """Says so if it takes long."""
     with told_if_slow("compiling the mapper", say):
         warm_up_mapper()
+
+
+def prepare_planner(say: Callable[[str], None]) -> None:
+    """Says so if it takes long."""
+    with told_if_slow("compiling the planner", say):
+        planning_warm_up.warm_up()
 
 
 @contextlib.contextmanager

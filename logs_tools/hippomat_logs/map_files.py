@@ -27,12 +27,12 @@ def load_map(path: str | Path) -> OccupancyGrid:
     if not image.is_file():
         raise MapError(f"map {path} names image {meta.image}, which does not exist")
     try:
-        pixels, transparent = _decode(image.read_bytes())
+        pixels, alpha = _decode(image.read_bytes())
     except OSError as error:
         raise MapError(f"map {path}: image {meta.image} cannot be read: {error.strerror or error}") from None
     except ValueError as error:
         raise MapError(f"map {path}: image {meta.image} {error}") from None
-    return grid_from_image(pixels, meta, transparent)
+    return grid_from_image(pixels, meta, alpha)
 
 
 def save_map(grid: OccupancyGrid, path: str | Path) -> None:
@@ -45,8 +45,8 @@ def save_map(grid: OccupancyGrid, path: str | Path) -> None:
     path.write_text(map_yaml(grid, image.name, mode), encoding="utf-8")
 
 
-def _decode(data: bytes) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
-    """Grey pixels (H, W) and where the image is transparent (None: nowhere)."""
+def _decode(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.uint8] | None]:
+    """Grey values (H, W), the mean of the colours, and the alpha channel if there is one."""
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     except cv2.error:
@@ -56,6 +56,6 @@ def _decode(data: bytes) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
     if image.dtype != np.uint8:
         raise ValueError(f"has {image.dtype} pixels; save it with 8 bits per channel")
     if image.ndim == 2:
-        return image.astype(np.uint8, copy=False), None
-    grey = np.rint(image[:, :, :3].mean(axis=2)).astype(np.uint8)  # map_server averages the channels
-    return grey, image[:, :, 3] < 255 if image.shape[2] == 4 else None
+        return image.astype(np.float64), None
+    grey = image[:, :, :3].mean(axis=2)  # map_server averages the channels
+    return grey, np.asarray(image[:, :, 3], np.uint8) if image.shape[2] == 4 else None

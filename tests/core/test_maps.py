@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from recorded_data import data_folder
@@ -41,6 +42,53 @@ def test_a_saved_map_loads_equal(tmp_path_factory: pytest.TempPathFactory, grid:
     path = tmp_path_factory.mktemp("map") / "it's a map.yaml"
     save_map(grid, path)
     assert load_map(path) == grid
+
+
+METAS = st.builds(
+    lambda mode, negate, thresholds: (mode, negate, *sorted(thresholds)),
+    st.sampled_from(["trinary", "scale", "raw"]),
+    st.booleans(),
+    st.lists(st.floats(0.0, 1.0), min_size=2, max_size=2, unique=True),
+)
+
+
+def published(colours: list[int], alpha: int, mode: str, negate: bool, free: float, occupied: float) -> int:
+    """nav2_map_server's loadMapFromFile, pixel by pixel."""
+    channels = [*colours, alpha] if mode == "trinary" else colours
+    shade = sum(channels) / len(channels) / 255.0
+    if mode == "raw":
+        percent = math.floor(shade * 255 + 0.5)
+        return percent if percent <= 100 else -1
+    occupancy = shade if negate else 1.0 - shade
+    if mode == "scale" and alpha != 255:
+        return -1
+    if occupancy > occupied:
+        return 100
+    if occupancy < free:
+        return 0
+    return -1 if mode == "trinary" else round(100.0 * (occupancy - free) / (occupied - free))
+
+
+@given(arrays(np.uint8, st.tuples(st.integers(1, 4), st.integers(1, 4), st.just(4))), METAS)
+@settings(max_examples=100, deadline=None)
+def test_any_image_in_any_mode_is_read_as_map_server_reads_it_and_survives_saving(
+    tmp_path_factory: pytest.TempPathFactory, image: np.ndarray, settings_: tuple[str, bool, float, float]
+) -> None:
+    folder = tmp_path_factory.mktemp("map")
+    mode, negate, free, occupied = settings_
+    cv2.imwrite(str(folder / "room.png"), image)
+    (folder / "room.yaml").write_text(
+        f"image: room.png\nmode: {mode}\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: {int(negate)}\n"
+        f"free_thresh: {free:.17f}\noccupied_thresh: {occupied:.17f}\n"
+    )
+    assume(float(f"{free:.17f}") < float(f"{occupied:.17f}"))
+    grid = load_map(folder / "room.yaml")
+    for (row, ix), cell in np.ndenumerate(grid.cells[::-1]):
+        colours, alpha = image[row, ix, :3].tolist(), int(image[row, ix, 3])
+        expected = published(colours, alpha, mode, negate, float(f"{free:.17f}"), float(f"{occupied:.17f}"))
+        assert abs(cell - expected) <= (1 if mode == "scale" and 0 < expected < 100 else 0)  # ties of rint
+    save_map(grid, folder / "again.yaml")
+    assert load_map(folder / "again.yaml") == grid
 
 
 def test_the_image_runs_from_the_top_and_the_grid_from_the_bottom() -> None:

@@ -86,18 +86,22 @@ def _number(value: Any, key: str, name: str) -> float:
 
 
 def grid_from_image(
-    pixels: NDArray[np.uint8], meta: MapMeta, transparent: NDArray[np.bool_] | None = None
+    pixels: NDArray[np.uint8] | NDArray[np.float64], meta: MapMeta, alpha: NDArray[np.uint8] | None = None
 ) -> OccupancyGrid:
     """The grid that map_server would publish.
 
-    pixels: (H, W), top row first, 0 black .. 255 white, colour channels averaged
-    transparent: (H, W), True where the image has alpha < 255; unknown except in raw mode
+    pixels: (H, W), top row first, 0 black .. 255 white, the mean of the colour channels
+    alpha: (H, W), 255 opaque, if the image has it. As in map_server it counts as one more channel of four in
+    trinary mode, makes what is not opaque unknown in scale mode, and says nothing in raw mode.
     """
     shade = pixels.astype(np.float64) / 255.0
+    if meta.mode == "trinary" and alpha is not None:
+        shade = (3.0 * shade + alpha / 255.0) / 4.0
     occupancy = shade if meta.negate else 1.0 - shade
     cells = np.full(pixels.shape, UNKNOWN, np.int8)
     if meta.mode == "raw":
-        np.copyto(cells, pixels.astype(np.int8), where=pixels <= 100)
+        percent = np.floor(pixels + 0.5)
+        np.copyto(cells, percent.astype(np.int8), where=percent <= 100, casting="unsafe")
     else:
         if meta.mode == "scale":
             span = meta.occupied_thresh - meta.free_thresh
@@ -105,8 +109,8 @@ def grid_from_image(
             cells[:] = np.clip(scaled, 0, 100).astype(np.int8)
         cells[occupancy > meta.occupied_thresh] = OCCUPIED
         cells[occupancy < meta.free_thresh] = FREE
-        if transparent is not None:
-            cells[transparent] = UNKNOWN
+        if meta.mode == "scale" and alpha is not None:
+            cells[alpha < 255] = UNKNOWN
     return OccupancyGrid(
         np.ascontiguousarray(cells[::-1]), meta.resolution_m, meta.origin_x_m, meta.origin_y_m
     )

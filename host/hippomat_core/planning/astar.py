@@ -72,28 +72,40 @@ def plane_path(
     to_go: NDArray[np.int32] | None = None,
 ) -> Path | None:
     """The same on bare cells. to_go: plane_field(plane, goal)."""
-    if not (plane.is_free(start) and plane.is_free(goal)):
+    height, width = plane.free.shape
+    (start_x, start_y), (goal_x, goal_y) = start, goal
+    inside = 0 <= start_x < width and 0 <= start_y < height and 0 <= goal_x < width and 0 <= goal_y < height
+    if not inside:
         return None
-    if blocked is not None and blocked[goal[1], goal[0]] and goal != start:
+    if start == goal:
+        return np.array([start], np.int32) if plane.free[start_y, start_x] else None
+    if blocked is not None and blocked[goal_y, goal_x]:
         return None  # without searching all the map for it
-    if to_go is None:
-        if blocked is not None:
-            free = plane.free & ~blocked
-            free[start[1], start[0]] = True
-            plane = cell_plane(free)
-        scratch = plane.so_far, plane.came, plane.entries
-        path = jump_search(
-            plane.steps_out, plane.offsets, plane.node_of(start), plane.node_of(goal), *scratch
-        )
-    else:
-        blocked = _NO_BLOCKED if blocked is None else np.ascontiguousarray(blocked, np.bool_)
+    # No step leads out of a cell that is not free, so the search need not ask.
+    origin, target = (start_y + 1) * (width + 2) + start_x + 1, (goal_y + 1) * (width + 2) + goal_x + 1
+    if to_go is not None:
         path = _down_the_field(
             plane.steps_out,
             plane.offsets,
-            blocked,
+            _NO_BLOCKED if blocked is None else np.ascontiguousarray(blocked, np.bool_),
             to_go,
-            plane.node_of(start),
-            plane.node_of(goal),
+            origin,
+            target,
+            plane.so_far,
+            plane.came,
+            plane.entries,
+        )
+    else:
+        if blocked is not None:
+            free = plane.free & ~blocked
+            free[start_y, start_x] = plane.free[start_y, start_x]
+            plane = cell_plane(free)
+        path = jump_search(
+            plane.steps_out,
+            plane.offsets,
+            plane.runs,
+            origin,
+            target,
             plane.so_far,
             plane.came,
             plane.entries,

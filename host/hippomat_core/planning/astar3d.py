@@ -22,7 +22,7 @@ from hippomat_core.planning.buckets import (
     take,
     wipe,
 )
-from hippomat_core.planning.field3d import LENGTHS_3D, CellSpace
+from hippomat_core.planning.field3d import FORWARD, LENGTHS_3D, NO_STEP_3D, CellSpace, lowest_bit
 from hippomat_core.planning.graph import DIAGONAL, SPACE_DIAGONAL, STRAIGHT
 
 
@@ -67,7 +67,7 @@ def _search(
     goal = target % width, target // width % height, target // (width * height)
     total = _to_go(origin, width, height, goal)
     bucket = total // BUCKET
-    so_far[origin] = 1
+    so_far[origin], came[origin] = 1, NO_STEP_3D
     put(heads, entries, slate, total, origin, 0, 1)
     while slate[WAITING] > 0 and bucket * BUCKET < slate[SHORTEST]:
         entry = take(heads, entries, slate, bucket)
@@ -77,10 +77,10 @@ def _search(
         node, length = np.int64(entries[entry, NODE]), entries[entry, LENGTH]
         if so_far[node] != length:
             continue  # reached by a shorter way since
-        steps = steps_out[node]
-        for bit in range(26):
-            if not steps >> np.uint32(bit) & np.uint32(1):
-                continue
+        steps = np.int64(steps_out[node] & FORWARD[came[node]])
+        while steps:
+            bit = lowest_bit(steps)
+            steps &= steps - 1
             end, there = node + offsets[bit], length + LENGTHS_3D[bit]
             before = so_far[end]
             if before != 0 and there >= before:

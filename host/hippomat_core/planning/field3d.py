@@ -25,6 +25,26 @@ LENGTHS_3D = np.array(
     [(0, STRAIGHT, DIAGONAL, SPACE_DIAGONAL)[3 - step.count(0)] for step in STEPS_3D], np.int32
 )
 _STEPS = np.array(STEPS_3D, np.int32)
+NO_STEP_3D = 26  # how the search came to its origin
+
+
+def _forward() -> NDArray[np.uint32]:
+    """(27,): the steps worth taking after coming to a cell by each step: those that turn back along no axis.
+
+    Coming by d and leaving by n, which turns back along some axes, is longer than both steps without those
+    axes: p -> p + d' lies in the box of d, and the step n' from there in the box of n, so both are free.
+    """
+    forward = [
+        sum(1 << bit for bit, step in enumerate(STEPS_3D) if min(np.multiply(step, came)) >= 0)
+        for came in STEPS_3D
+    ]
+    return np.array([*forward, (1 << 26) - 1], np.uint32)
+
+
+FORWARD = _forward()
+_DE_BRUIJN = 0x077CB531
+_PLACES = np.zeros(32, np.uint8)
+_PLACES[[(_DE_BRUIJN << bit & 0xFFFFFFFF) >> 27 for bit in range(32)]] = np.arange(32)
 _RING = 3  # buckets in use at once: a step from one ends at most two further on
 
 
@@ -115,30 +135,39 @@ def _spread(
     """Fill `field` (all UNREACHED) from `goal`. A cell enters a bucket at most once, so the ring suffices."""
     ring = np.empty((_RING, len(steps_out)), np.int32)
     counts = np.zeros(_RING, np.int64)
-    field[goal] = 0
+    came = np.empty(len(steps_out), np.uint8)
+    field[goal], came[goal] = 0, NO_STEP_3D
     ring[0, 0] = goal
     counts[0] = 1
-    bucket = 0
+    begin, here = 0, 0  # of the bucket
     while counts.sum() > 0:
-        here = bucket % _RING
         for place in range(counts[here]):
             node = ring[here, place]
             reached = field[node]
-            if reached // STRAIGHT != bucket:
+            if reached < begin:
                 continue  # it got a shorter way, and was settled, in an earlier bucket
-            steps = steps_out[node]
-            for bit in range(26):
-                if steps >> np.uint32(bit) & np.uint32(1):
-                    end = node + offsets[bit]
-                    there, before = reached + LENGTHS_3D[bit], field[end]
-                    if there < before and there <= LONGEST:
-                        field[end] = there
-                        if there // STRAIGHT != before // STRAIGHT:
-                            slot = there // STRAIGHT % _RING
-                            ring[slot, counts[slot]] = end
-                            counts[slot] += 1
+            steps = np.int64(steps_out[node] & FORWARD[came[node]])
+            while steps:
+                bit = lowest_bit(steps)
+                steps &= steps - 1
+                end = node + offsets[bit]
+                there, before = reached + LENGTHS_3D[bit], field[end]
+                if there < before and there <= LONGEST:
+                    field[end], came[end] = there, bit
+                    further = 1 if there < begin + 2 * STRAIGHT else 2
+                    if before == UNREACHED or further != (1 if before < begin + 2 * STRAIGHT else 2):
+                        slot = (here + further) % _RING
+                        ring[slot, counts[slot]] = end
+                        counts[slot] += 1
         counts[here] = 0
-        bucket += 1
+        here = (here + 1) % _RING
+        begin += STRAIGHT
+
+
+@njit(cache=True, nogil=True)
+def lowest_bit(bits: int | np.int64) -> int:
+    """The place of the lowest bit set of 32 (Leiserson, Prokop, Randall 1998)."""
+    return int(_PLACES[((bits & -bits) * _DE_BRUIJN & 0xFFFFFFFF) >> 27])
 
 
 @njit(cache=True, nogil=True)

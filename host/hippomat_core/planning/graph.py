@@ -20,6 +20,7 @@ LONGEST = UNREACHED - SPACE_DIAGONAL  # ways beyond it are not followed, so that
 # (dx, dy). Straight steps counter-clockwise, then the diagonals: 4 + k lies between k and (k + 1) % 4.
 STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, 1), (-1, -1), (1, -1))
 LENGTHS = np.array([STRAIGHT] * 4 + [DIAGONAL] * 4, np.int32)
+LONGEST_RUN = 32767  # cells; fits 16 bits
 NO_STEP = 8  # how the search came to its origin
 
 
@@ -28,8 +29,12 @@ class CellPlane:
     """The free cells of a grid and the steps that lead out of each."""
 
     free: NDArray[np.bool_]  # (H, W) [iy, ix]
-    steps_out: NDArray[np.uint8]  # ((H + 2) (W + 2),) with a border of one cell: bit k = STEPS[k] is allowed
+    # ((H + 2) (W + 2),) with a border of one cell: bit k = STEPS[k] is allowed
+    steps_out: NDArray[np.uint8]
     offsets: NDArray[np.int32]  # (8,) from an index into steps_out to that of the step's end
+    # (as long as steps_out, 4): cells that a straight run by STEPS[k] passes until there is a choice or until
+    # the way ends (< 0); 0 where the step is not allowed
+    runs: NDArray[np.int16]
     # Scratch of the searches, as long as steps_out. so_far is all 0 between them, so that nothing is carried
     # over; fresh memory for every search costs as much as a short search.
     so_far: NDArray[np.int32]
@@ -67,7 +72,8 @@ def cell_plane(free: NDArray[np.bool_]) -> CellPlane:
     entries = np.empty(
         (4 * len(padded), 4), np.int32
     )  # far more than ever wait; untouched pages cost nothing
-    return CellPlane(free, _steps_out(padded, offsets), offsets, *scratch, entries)
+    steps_out = _steps_out(padded, offsets)
+    return CellPlane(free, steps_out, offsets, _runs(steps_out, offsets), *scratch, entries)
 
 
 @njit(cache=True, nogil=True)
@@ -119,3 +125,23 @@ def _onward() -> NDArray[np.uint8]:
 ONWARD = _onward()
 # The lowest of the bits set: which step to take next.
 LOWEST = np.array([0] + [(bits & -bits).bit_length() - 1 for bits in range(1, 256)], np.uint8)
+
+
+@njit(cache=True, nogil=True)
+def _runs(steps_out: NDArray[np.uint8], offsets: NDArray[np.int32]) -> NDArray[np.int16]:
+    """CellPlane.runs: each from that of the next cell. A run too long to be written down ends in between."""
+    runs = np.zeros((len(steps_out), 4), np.int16)
+    for place in range(len(steps_out)):
+        for k in range(4):
+            node = place if k >= 2 else len(steps_out) - 1 - place  # the next cell comes first
+            if not steps_out[node] >> k & 1:
+                continue
+            onward = ONWARD[k, steps_out[node + offsets[k]]]
+            run = runs[node + offsets[k], k]
+            if onward == 0:
+                runs[node, k] = -1
+            elif onward != 1 << k or abs(run) == LONGEST_RUN:
+                runs[node, k] = 1
+            else:
+                runs[node, k] = run + 1 if run > 0 else run - 1
+    return runs

@@ -1,9 +1,8 @@
 """Jump point search (Harabor and Grastien 2011, 2014): A* that runs past cells with nothing to decide.
 
 Exact, 8-connected, no corner cutting, guided by the octile distance. From a cell only the steps of
-graph.ONWARD are looked at. A straight run goes on to the first cell with a choice, one byte read per cell; a
-diagonal run tries both its straight sides at every cell, and waits in the queue where it has led too far from
-the goal.
+graph.ONWARD are looked at. Where a straight run leads to is written in the plane (JPS+); a diagonal run
+tries both its straight sides at every cell, and waits in the queue where it has led too far from the goal.
 """
 
 from __future__ import annotations
@@ -43,6 +42,7 @@ _STEPS = np.array(STEPS, np.int32)
 def jump_search(
     steps_out: NDArray[np.uint8],
     offsets: NDArray[np.int32],
+    runs: NDArray[np.int16],
     origin: int,
     target: int,
     so_far: NDArray[np.int32],
@@ -51,10 +51,12 @@ def jump_search(
 ) -> NDArray[np.int32]:
     """(K, 2) [ix, iy] of a shortest way from origin to target; K = 0 where there is none.
 
-    steps_out, offsets, origin, target, so_far, came, entries: of a CellPlane
+    steps_out, offsets, runs, origin, target, so_far, came, entries: of a CellPlane
     so_far: 1 + length of the way to a cell, 0 where there is none yet   came: that way's last step
     """
     width = int(offsets[1])
+    if steps_out[target] == 0:
+        return np.empty((0, 2), np.int32)  # without searching all the map for it
     # A run has at most width + height steps, each of which adds at most twice its length.
     heads = empty_heads(2 * DIAGONAL * (width + len(steps_out) // width))
     slate = new_slate(width, origin, target)
@@ -78,18 +80,30 @@ def jump_search(
             step = LOWEST[steps]
             steps &= steps - 1
             if step < 4:
-                _straight(steps_out, offsets, so_far, came, heads, entries, slate, node, row, length, step)
+                _straight(offsets, runs, so_far, came, heads, entries, slate, node, row, length, step)
             else:
                 _diagonal(
-                    steps_out, offsets, so_far, came, heads, entries, slate, node, row, length, step, limit
+                    steps_out,
+                    offsets,
+                    runs,
+                    so_far,
+                    came,
+                    heads,
+                    entries,
+                    slate,
+                    node,
+                    row,
+                    length,
+                    step,
+                    limit,
                 )
     return way_back(so_far, came, offsets, slate)
 
 
 @njit(cache=True, nogil=True)
 def _straight(
-    steps_out: NDArray[np.uint8],
     offsets: NDArray[np.int32],
+    runs: NDArray[np.int16],
     so_far: NDArray[np.int32],
     came: NDArray[np.uint8],
     heads: NDArray[np.int32],
@@ -101,25 +115,18 @@ def _straight(
     step: int,
 ) -> bool:
     """Run straight on; where that leads to something new, let it wait there. True if it did."""
-    offset, only, target = offsets[step], 1 << step, slate[TARGET]
-    end, there = node, length
-    while True:
-        end += offset
-        there += STRAIGHT
-        if end == target:
-            break
-        onward = ONWARD[step, steps_out[end]]
-        if onward == only:
-            continue
-        if onward == 0:
-            return False
-        break
-    end_row = row + (there - length) // STRAIGHT * _STEPS[step, 1]
+    run = int(runs[node, step])
+    to_target = _ahead(slate, node, row, step)
+    if 0 < to_target <= abs(run):
+        run = to_target
+    elif run <= 0:
+        return False
+    end, there, end_row = node + run * offsets[step], length + run * STRAIGHT, row + run * _STEPS[step, 1]
     before, total = so_far[end], there + _to_go(slate, end, end_row)
     if (before != 0 and there >= before) or total >= slate[SHORTEST]:
         return False
     so_far[end], came[end] = there, step
-    if end == target:
+    if end == slate[TARGET]:
         slate[SHORTEST] = there
     else:
         put(heads, entries, slate, total, end, end_row, there)
@@ -130,6 +137,7 @@ def _straight(
 def _diagonal(
     steps_out: NDArray[np.uint8],
     offsets: NDArray[np.int32],
+    runs: NDArray[np.int16],
     so_far: NDArray[np.int32],
     came: NDArray[np.uint8],
     heads: NDArray[np.int32],
@@ -163,8 +171,18 @@ def _diagonal(
         while sides:
             side = LOWEST[sides]
             sides &= sides - 1
-            if _straight(steps_out, offsets, so_far, came, heads, entries, slate, node, row, length, side):
+            if _straight(offsets, runs, so_far, came, heads, entries, slate, node, row, length, side):
                 so_far[node], came[node] = length, step  # the way back leads through here
+
+
+@njit(cache=True, nogil=True)
+def _ahead(slate: Slate, node: int, row: int, step: int) -> int:
+    """Straight steps to the target; 0 or less where it does not lie in this direction."""
+    dy = slate[GOAL_Y] - row
+    dx = slate[GOAL_X] - (node - row * slate[WIDTH])
+    if step & 1:
+        return int(dy * _STEPS[step, 1]) if dx == 0 else 0
+    return int(dx * _STEPS[step, 0]) if dy == 0 else 0
 
 
 @njit(cache=True, nogil=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
 from typing import NoReturn
 
 from hippomat_core.errors import HippomatError
@@ -19,21 +21,51 @@ examples:
   hippomat-bench radio --nodes 30 --rate 10 --hidden 0.2 --seconds 60
   hippomat-bench radio --loss 0.3 --json
   hippomat-bench radio --faults --seconds 3600 --no-plain --plot agreement.png
+  hippomat-bench plan FILE.scen... --matrix
   hippomat-bench slam intel_raw_odometry.log.gz --picture map.png
   hippomat-bench tables --out build/tables --resume
   hippomat-bench tables --only fixed --methods graphsage,greedy --agents 5,10 --episodes 200
 """
-_RADIO = """\
-Simulates the firmware's own radio cores on a medium with carrier sense, hidden stations and
-collisions, each with a minimal host and a clock of its own; beside it the same traffic with random
-jitter and unsynchronised periodic sending."""
-_SLAM = """\
-Maps a lidar log in CARMEN's format as a robot would, scan by scan, closes loops, sharpens the map, and
-compares the poses with measured relations where there are any."""
-_TABLES = """\
-Compares every way to allocate on the same frozen problems: the paper's four tables beside its own
-values, fixed and continuous tasks, what learning adds, losses, larger fleets, permuted slots. Writes
-Markdown, CSV, JSON and pictures; what was measured stays in a file, and --resume goes on from there."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Command:
+    """One part: its module NAME_command has add_options(parser) and run(options)."""
+
+    name: str
+    help: str
+    description: str
+
+
+_COMMANDS = (
+    _Command(
+        "radio",
+        "delivery, fleet time, snapshots and STOP of a fleet of radios",
+        "Simulates the firmware's own radio cores on a medium with carrier sense, hidden stations and\n"
+        "collisions, each with a minimal host and a clock of its own; beside it the same traffic with random\n"
+        "jitter and unsynchronised periodic sending.",
+    ),
+    _Command(
+        "plan",
+        "shortest paths on published scenarios: right, feasible, how fast",
+        "Asks every query of MovingAI scenarios, judges each path by an independent checker, and a sample of the\n"
+        "queries also plain A* with heapq and other people's path finders; --matrix compares the travel costs of\n"
+        "a decision in the air.",
+    ),
+    _Command(
+        "slam",
+        "mapping from lidar logs: errors against measured relations, time per scan, the map",
+        "Maps a lidar log in CARMEN's format as a robot would, scan by scan, closes loops, sharpens the map, and\n"
+        "compares the poses with measured relations where there are any.",
+    ),
+    _Command(
+        "tables",
+        "what the ways to allocate achieve, beside the paper's values",
+        "Compares every way to allocate on the same frozen problems: the paper's four tables beside its own\n"
+        "values, fixed and continuous tasks, what learning adds, losses, larger fleets, permuted slots. Writes\n"
+        "Markdown, CSV, JSON and pictures; what was measured stays in a file, and --resume goes on from there.",
+    ),
+)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -47,46 +79,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _main(arguments: Sequence[str] | None) -> int:
-    from hippomat_sim.bench import (
-        radio_command,
-        slam_command,
-        tables_command,
-    )  # here: guarded() names a missing package
-
     parser = _Parser(
         prog="hippomat-bench",
         description="What the parts of hippomat achieve, against the targets that they were given.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="radio | slam | tables")
-    radio = commands.add_parser(
-        "radio",
-        help="delivery, fleet time, snapshots and STOP of a fleet of radios",
-        description=_RADIO,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    radio_command.add_options(radio)
-    radio.set_defaults(run=radio_command.run)
-    slam = commands.add_parser(
-        "slam",
-        help="mapping from lidar logs: errors against measured relations, time per scan, the map",
-        description=_SLAM,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    slam_command.add_options(slam)
-    slam.set_defaults(run=slam_command.run)
-    tables = commands.add_parser(
-        "tables",
-        help="what the ways to allocate achieve, beside the paper's values",
-        description=_TABLES,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    tables_command.add_options(tables)
-    tables.set_defaults(run=tables_command.run)
+    names = " | ".join(command.name for command in _COMMANDS)
+    parts = parser.add_subparsers(dest="command", required=True, metavar=names)
+    for command in _COMMANDS:
+        part = parts.add_parser(
+            command.name,
+            help=command.help,
+            description=command.description,
+            epilog=_EPILOG,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module = import_module(
+            f"hippomat_sim.bench.{command.name}_command"
+        )  # guarded() names a missing package
+        module.add_options(part)
+        part.set_defaults(run=module.run)
     options = parser.parse_args(arguments)
     try:
         return int(options.run(options))

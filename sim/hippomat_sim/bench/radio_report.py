@@ -135,7 +135,7 @@ def _fleet_table(ours: OurFigures) -> Table:
 
 
 def target_table(targets: Sequence[Target]) -> Table:
-    """Measured beside required."""
+    """One row each: measured, required, verdict."""
     table = plain_table("targets", "what", "measured", "required", "")
     for target in targets:
         measured = "-" if math.isnan(target.value) else f"{target.value:.6g} {target.unit}"
