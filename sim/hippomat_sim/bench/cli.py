@@ -42,28 +42,29 @@ _COMMANDS = (
         "radio",
         "delivery, fleet time, snapshots and STOP of a fleet of radios",
         "Simulates the firmware's own radio cores on a medium with carrier sense, hidden stations and\n"
-        "collisions, each with a minimal host and a clock of its own; beside it the same traffic with random\n"
-        "jitter and unsynchronised periodic sending.",
+        "collisions, each with a minimal host and a clock of its own; beside it the same traffic with\n"
+        "random jitter and unsynchronised periodic sending.",
     ),
     _Command(
         "plan",
         "shortest paths on published scenarios: right, feasible, how fast",
-        "Asks every query of MovingAI scenarios, judges each path by an independent checker, and a sample of the\n"
-        "queries also plain A* with heapq and other people's path finders; --matrix compares the travel costs of\n"
-        "a decision in the air.",
+        "Asks every query of MovingAI scenarios, judges each path by an independent checker, and a sample\n"
+        "of the queries also plain A* with heapq and other people's path finders; --matrix compares the travel\n"
+        "costs of a decision in the air.",
     ),
     _Command(
         "slam",
         "mapping from lidar logs: errors against measured relations, time per scan, the map",
-        "Maps a lidar log in CARMEN's format as a robot would, scan by scan, closes loops, sharpens the map, and\n"
-        "compares the poses with measured relations where there are any.",
+        "Maps a lidar log in CARMEN's format as a robot would, scan by scan, closes loops, sharpens the map,\n"
+        "and compares the poses with measured relations where there are any.",
     ),
     _Command(
         "tables",
         "what the ways to allocate achieve, beside the paper's values",
         "Compares every way to allocate on the same frozen problems: the paper's four tables beside its own\n"
-        "values, fixed and continuous tasks, what learning adds, losses, larger fleets, permuted slots. Writes\n"
-        "Markdown, CSV, JSON and pictures; what was measured stays in a file, and --resume goes on from there.",
+        "values, fixed and continuous tasks, what learning adds, losses, larger fleets, permuted slots.\n"
+        "Writes Markdown, CSV, JSON and pictures; what was measured stays in a file, and --resume goes on\n"
+        "from there.",
     ),
 )
 
