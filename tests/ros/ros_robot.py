@@ -153,5 +153,5 @@ def driving_ros_robot(directory: Path, *more: str, ros: int = ROS2) -> Iterator[
     """A robot whose daemon drives it to a task."""
     with ros_robot(directory, *more, ros=ros) as robot:
         robot.run_daemon()
-        assert wait_until(robot.drives, 40.0), robot.said()
+        assert wait_until(robot.drives, 90.0), robot.said()
         yield robot

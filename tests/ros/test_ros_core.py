@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_ros_feed import MS, scan, transform
+from ros_samples import MS, scan, transform
 
 from hippomat_core.config import Config, FleetConfig, RobotConfig, RosConfig, config_from_dict
 from hippomat_core.errors import ConfigError
