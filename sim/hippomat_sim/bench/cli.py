@@ -48,15 +48,15 @@ _COMMANDS = (
     _Command(
         "plan",
         "shortest paths on published scenarios: right, feasible, how fast",
-        "Asks every query of MovingAI scenarios, judges each path by an independent checker, and a sample\n"
-        "of the queries also plain A* with heapq and other people's path finders; --matrix compares the travel\n"
-        "costs of a decision in the air.",
+        "Asks every query of MovingAI scenarios, judges each path by an independent checker, and a\n"
+        "sample of the queries also plain A* with heapq and other people's path finders; --matrix compares the\n"
+        "travel costs of a decision in the air.",
     ),
     _Command(
         "slam",
         "mapping from lidar logs: errors against measured relations, time per scan, the map",
-        "Maps a lidar log in CARMEN's format as a robot would, scan by scan, closes loops, sharpens the map,\n"
-        "and compares the poses with measured relations where there are any.",
+        "Maps a lidar log in CARMEN's format as a robot would, scan by scan, closes loops, sharpens the\n"
+        "map, and compares the poses with measured relations where there are any.",
     ),
     _Command(
         "tables",
