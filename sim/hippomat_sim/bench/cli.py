@@ -49,8 +49,8 @@ _COMMANDS = (
         "plan",
         "shortest paths on published scenarios: right, feasible, how fast",
         "Asks every query of MovingAI scenarios, judges each path by an independent checker, and a\n"
-        "sample of the queries also plain A* with heapq and other people's path finders; --matrix compares the\n"
-        "travel costs of a decision in the air.",
+        "sample of the queries also plain A* with heapq and other people's path finders; --matrix compares\n"
+        "the travel costs of a decision in the air.",
     ),
     _Command(
         "slam",
