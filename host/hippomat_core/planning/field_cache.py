@@ -52,7 +52,5 @@ class Fields:
 
         nodes: (N,) node_of() the places, each inside the grid
         """
-        units = np.empty((len(nodes), len(tasks)), np.int32)
-        for column, task in enumerate(tasks):
-            units[:, column] = self.by_task[task].nodes[nodes]
-        return units
+        rows = [self.by_task[task].nodes[nodes] for task in tasks]
+        return np.array(rows, np.int32).reshape(len(tasks), len(nodes)).T

@@ -36,6 +36,8 @@ from hippomat_core.planning.graph import DIAGONAL, LOWEST, NO_STEP, ONWARD, STEP
 # no limit makes large open maps twice as slow.
 PATIENCE = 6
 _STEPS = np.array(STEPS, np.int32)
+_TOWARDS = np.zeros((3, 3), np.int64)  # [dy + 1, dx + 1]: the bit of that step
+_TOWARDS[_STEPS[:, 1] + 1, _STEPS[:, 0] + 1] = 1 << np.arange(8)
 
 
 @njit(cache=True)  # with the interpreter's lock: the scratch belongs to one search at a time
@@ -57,8 +59,9 @@ def jump_search(
     width = int(offsets[1])
     if steps_out[target] == 0:
         return np.empty((0, 2), np.int32)  # without searching all the map for it
-    # A run has at most width + height steps, each of which adds at most twice its length.
-    heads = empty_heads(2 * DIAGONAL * (width + len(steps_out) // width))
+    # A step adds at most twice its length; a diagonal run ends soon, a straight one at a border.
+    farthest = max(width, len(steps_out) // width)
+    heads = empty_heads(PATIENCE * BUCKET + 2 * DIAGONAL + 2 * STRAIGHT * farthest)
     slate = new_slate(width, origin, target)
     row = origin // width
     so_far[origin], came[origin] = 1, NO_STEP
@@ -76,9 +79,12 @@ def jump_search(
             continue  # reached by a shorter way since
         limit = (bucket + PATIENCE) * BUCKET
         steps = int(ONWARD[came[node], steps_out[node]])
+        # First towards the target: in open space that finds it, and the other steps are over at once.
+        toward = steps & _towards(slate, node, row)
         while steps:
-            step = LOWEST[steps]
-            steps &= steps - 1
+            step = LOWEST[toward or steps]
+            steps &= ~(1 << step)
+            toward = 0
             if step < 4:
                 _straight(offsets, runs, so_far, came, heads, entries, slate, node, row, length, step)
             else:
@@ -183,6 +189,14 @@ def _ahead(slate: Slate, node: int, row: int, step: int) -> int:
     if step & 1:
         return int(dy * _STEPS[step, 1]) if dx == 0 else 0
     return int(dx * _STEPS[step, 0]) if dy == 0 else 0
+
+
+@njit(cache=True, nogil=True)
+def _towards(slate: Slate, node: int, row: int) -> int:
+    """The bit of the step that leads straightest to the target."""
+    dy = np.sign(slate[GOAL_Y] - row)
+    dx = np.sign(slate[GOAL_X] - (node - row * slate[WIDTH]))
+    return int(_TOWARDS[dy + 1, dx + 1])
 
 
 @njit(cache=True, nogil=True)

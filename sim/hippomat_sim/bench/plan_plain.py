@@ -18,8 +18,13 @@ AnyCell = TypeVar("AnyCell", bound=Hashable)
 
 ROOT2, ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
 MOVES = [(dx, dy, math.hypot(dx, dy)) for dx, dy in product((-1, 0, 1), repeat=2) if dx or dy]
+# The move, its length, and what else of the box it spans must be free: a robot has width.
 MOVES_3D = [
-    (dx, dy, dz, math.sqrt(dx * dx + dy * dy + dz * dz))
+    (
+        (dx, dy, dz),
+        math.hypot(dx, dy, dz),
+        set(product({0, dx}, {0, dy}, {0, dz})) - {(0, 0, 0), (dx, dy, dz)},
+    )
     for dx, dy, dz in product((-1, 0, 1), repeat=3)
     if dx or dy or dz
 ]
@@ -70,11 +75,11 @@ def plain_length_3d(free: list[list[list[bool]]], start: Cell3, goal: Cell3) -> 
             continue
         closed.add(cell)
         ix, iy, iz = cell
-        for dx, dy, dz, length in MOVES_3D:
+        for (dx, dy, dz), length, box in MOVES_3D:
             x, y, z = ix + dx, iy + dy, iz + dz
             if not (0 <= x < width and 0 <= y < height and 0 <= z < layers and free[z][y][x]):
                 continue
-            if not _box_is_free(free, cell, (x, y, z)):
+            if not all(free[iz + bz][iy + by][ix + bx] for bx, by, bz in box):
                 continue
             other, total = (x, y, z), so_far + length
             if total < best.get(other, math.inf):
@@ -82,19 +87,6 @@ def plain_length_3d(free: list[list[list[bool]]], start: Cell3, goal: Cell3) -> 
                 left = _octile_3d(other, goal)
                 heappush(queue, (total + left, left, other))
     return math.inf
-
-
-def _box_is_free(free: list[list[list[bool]]], cell: Cell3, other: Cell3) -> bool:
-    """Whether a robot with width gets from a cell to its neighbour: no cell of the box they span is taken."""
-    ix, iy, iz = cell
-    x, y, z = other
-    if x != ix and y != iy and not (free[iz][iy][x] and free[iz][y][ix] and free[iz][y][x]):
-        return False
-    if z == iz:
-        return True
-    if x != ix and not (free[z][iy][ix] and free[iz][iy][x] and free[z][iy][x]):
-        return False
-    return y == iy or (free[z][iy][ix] and free[iz][y][ix] and free[z][y][ix])
 
 
 def _octile(dx: int, dy: int) -> float:

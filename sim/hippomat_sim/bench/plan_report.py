@@ -21,7 +21,7 @@ NOTES = (
     "ratio: median time of the peer / ours, both asked the same queries in turn; > 1: ours is faster. "
     "Ours answers all queries of a file, the peers an evenly spread sample. wrong: no path, or a length off "
     "by more than 1e-3 and the last printed digit. infeasible: through an occupied cell or around a corner "
-    "that a robot with width touches."
+    "that a robot with width touches. Times are processor time."
 )
 
 
@@ -120,7 +120,8 @@ def _row(result: FileResult, answers: Answers) -> tuple[str, ...]:
 
 
 def _matrix_table(matrix: MatrixResult) -> Table:
-    table = Table(title=f"travel costs of a decision: {AGENTS} agents x {TASKS} tasks in 50 x 50 x 30 cells")
+    title = f"travel costs of a decision: {AGENTS} agents x {TASKS} tasks, 50 x 50 x 30 cells, 30 % obstacles"
+    table = Table(title=title)
     for column in ("what", "time"):
         table.add_column(column, justify="left" if column == "what" else "right")
     pairs = AGENTS * TASKS
