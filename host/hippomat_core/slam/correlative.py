@@ -66,7 +66,7 @@ def _promising(
     side: int,
     scores: NDArray[np.int32],
 ) -> NDArray[np.int64]:
-    """The blocks that may hold the best pose, highest bound first: those that reach what a known pose scores."""
+    """The blocks that may hold the best pose, highest bound first: all that reach what one pose scores."""
     first = int(np.argmax(bounds))
     place = first % (side * side)
     _score_block(levels, corner[first // (side * side)], place % side * BLOCK, place // side * BLOCK, scores)

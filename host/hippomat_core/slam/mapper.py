@@ -37,7 +37,8 @@ class MapperSettings:
     resolution_m: float = 0.05
     sigma_m: float = SIGMA_M
     search: Search = field(default_factory=lambda: Search(0.5, math.radians(25.0)))
-    blind_search: Search = field(default_factory=lambda: Search(1.2, math.radians(40.0)))  # no odometry
+    # Without odometry: wide enough for logs that were thinned to a scan a metre or a quarter turn.
+    blind_search: Search = field(default_factory=lambda: Search(1.3, math.radians(90.0), math.radians(1.0)))
     least_score: float = 0.4  # below it a match is taken for none
     lidar: Lidar = field(default_factory=Lidar)
 
