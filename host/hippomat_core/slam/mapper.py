@@ -41,15 +41,18 @@ class MapperSettings:
     blind_search: Search = field(default_factory=lambda: Search(1.3, math.radians(90.0), math.radians(1.0)))
     least_score: float = 0.4  # below it a match is taken for none
     least_known: float = 0.3  # share of the returns that must lie near something seen before
-    slip: float = 0.1  # odometry is off by this share of a motion, and by no less than:
+    slip: float = (
+        0.1  # odometry is off by this share of the way and by that of the turn, and by no less than:
+    )
+    turn_slip: float = 0.3
     slip_m: float = 0.02
-    slip_rad: float = math.radians(1.0)
+    slip_rad: float = math.radians(2.0)
     lidar: Lidar = field(default_factory=Lidar)
 
     def trust(self, moved: NDArray[np.float64]) -> Trust:
         """How far odometry is believed about a motion (3,) between two scans."""
         moved_m, turned_rad = math.hypot(moved[0], moved[1]), abs(float(moved[2]))
-        return Trust(self.slip_m + self.slip * moved_m, self.slip_rad + self.slip * turned_rad)
+        return Trust(self.slip_m + self.slip * moved_m, self.slip_rad + self.turn_slip * turned_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -115,7 +115,8 @@ def _best_of_grid(
     dx, dy, turns, _ = search_poses(
         field.levels, field.blocks, points, given, half_cells, half_turns, turn_rad, per_cell, per_turn
     )
-    return given + np.array([dx, dy, turns * turn_rad])
+    best: NDArray[np.float64] = given + np.array([dx, dy, turns * turn_rad])
+    return best
 
 
 def _root_mean_square(points: NDArray[np.float64]) -> float:
