@@ -44,7 +44,7 @@ class MapperSettings:
     slip: float = (
         0.1  # odometry is off by this share of the way and by that of the turn, and by no less than:
     )
-    turn_slip: float = 0.3
+    turn_slip: float = 0.3  # wheels that skid turn less than they count
     slip_m: float = 0.02
     slip_rad: float = math.radians(2.0)
     lidar: Lidar = field(default_factory=Lidar)
