@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from functools import cache
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -157,25 +158,43 @@ def test_the_map_has_the_walls_and_the_free_floor():
     assert (cell(0.5, 0.0) == UNKNOWN).all()  # inside the block
 
 
-gtsam = pytest.mark.skipif(
-    "gtsam" not in sys.modules and __import__("importlib.util").util.find_spec("gtsam") is None,
-    reason="needs gtsam",
-)
+gtsam = pytest.mark.skipif(find_spec("gtsam") is None, reason="gtsam is not installed")
+
+
+def drifted(mapper: Mapper, turn_rad: float) -> Mapper:
+    """The mapper as if each step had been measured with a turn too much."""
+    motion = np.add(mapper.graph.steps.motion, [0.0, 0.0, turn_rad])
+    poses = [mapper.graph.poses[0]]
+    for step in motion:
+        poses.append(composed(poses[-1], step))
+    steps = replace(mapper.graph.steps, motion=motion)
+    return replace(mapper, graph=replace(mapper.graph, steps=steps, poses=np.array(poses)))
 
 
 @gtsam
 def test_closing_a_loop_brings_the_robot_back_to_where_it_began():
-    mapper, outcomes, true = mapped()
+    straight, outcomes, true = mapped()
+    true = true[[outcome.is_keyframe for outcome in outcomes]]
+    mapper = drifted(straight, 0.002)
     assert is_due(mapper.graph)
     closed = mapper.with_solution(close_loops(mapper.graph, mapper.epoch, mapper.settings))
-    frames = [outcome.keyframe for outcome in outcomes if outcome.is_keyframe]
-    assert frames == list(range(len(closed.graph)))
-    true = true[[outcome.is_keyframe for outcome in outcomes]]
+    assert worst_m(mapper.graph.poses, true) > 1.0
     assert len(closed.graph.loops) > 5
     assert not is_due(closed.graph)
-    assert worst_m(closed.graph.poses, true) < 0.6 * worst_m(mapper.graph.poses, true)
-    assert worst_m(closed.graph.poses, true) < 0.1
+    assert worst_m(closed.graph.poses, true) < 0.4
     assert closed.epoch == mapper.epoch + 1
+
+
+@gtsam
+def test_no_loop_is_closed_where_a_match_could_slide():
+    """Everything in a bare corridor looks alike: a link there would be a guess."""
+    corridor, mapper = walls_of([((-40.0, -1.0), (40.0, 1.0))]), empty_mapper()
+    for k, east_m in enumerate([*np.arange(0.0, 12.0, 0.3), *np.arange(12.0, 0.0, -0.3)]):
+        points = scan(corridor, (east_m, 0.0, 0.0), beams=180, seed=k, max_range_m=5.0)
+        mapper, _ = mapper.with_scan(points, np.array([east_m, 0.0, 0.0]), k)
+    solution = close_loops(mapper.graph, mapper.epoch, mapper.settings)
+    off_m = solution.poses[:, 0] - mapper.graph.poses[:, 0]
+    assert np.abs(off_m).max() < 0.1
 
 
 @gtsam
