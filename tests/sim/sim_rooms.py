@@ -25,6 +25,6 @@ def odd_room(width_m: float = 5.0, height_m: float = 3.0, resolution_m: float = 
     cells = grid.cells.copy()
     cells[1 : round(1.1 / resolution_m), round(1.6 / resolution_m)] = 100
     cells[:, round((width_m - 1.2) / resolution_m)] = 100
-    cells[round(1.4 / resolution_m), -round(0.7 / resolution_m) :] = 100
+    cells[-round(1.4 / resolution_m) :, -round(0.6 / resolution_m) :] = 100
     cells[-round(0.7 / resolution_m) :, : round(0.5 / resolution_m)] = 100
     return OccupancyGrid(cells, grid.resolution_m, grid.origin_x_m, grid.origin_y_m)
