@@ -18,8 +18,9 @@ import socket
 import sys
 import time
 
-from hippomat_core.errors import PortError
+from hippomat_core.errors import HippomatError
 from hippomat_core.wire.jetbot_base import FEEDBACK, Decoder
+from hippomat_host.clock import adopt, now
 from hippomat_host.deadman import PERIOD_NS, ZERO, Deadman
 from hippomat_host.serial_port import open_port, read_port, write_port
 
@@ -43,8 +44,8 @@ class Guard:
 
     def identified(self) -> bytes | None:
         """Bytes up to the first whole feedback frame, read within LISTEN_NS; None if there was none."""
-        decoder, heard, until_ns = Decoder(), bytearray(), time.monotonic_ns() + LISTEN_NS
-        while (left_ns := until_ns - time.monotonic_ns()) > 0:
+        decoder, heard, until_ns = Decoder(), bytearray(), now() + LISTEN_NS
+        while (left_ns := until_ns - now()) > 0:
             if not select.select([self._port], [], [], left_ns / 1e9)[0]:
                 break
             byte = read_port(self._port, 1)  # one by one: what follows belongs to the running phase
@@ -57,7 +58,7 @@ class Guard:
         """Forward until the daemon or the port is gone; raises _Stop or OSError."""
         daemon = self._daemon.fileno()
         while True:
-            now_ns = time.monotonic_ns()
+            now_ns = now()
             self._drive(now_ns)
             wait_s = max(0, self._deadman.next_ns - now_ns) / 1e9
             readable, _, _ = select.select([self._port, daemon], [], [], wait_s)
@@ -85,7 +86,7 @@ class Guard:
         if not data:
             raise _Stop("the daemon is gone")
         for frame in self._commands.feed(data):
-            self._deadman = self._deadman.commanded(time.monotonic_ns(), frame)
+            self._deadman = self._deadman.commanded(now(), frame)
         self._tripped = False
 
     def _drive(self, now_ns: int) -> None:
@@ -95,7 +96,7 @@ class Guard:
         commanded_ns = self._deadman.commanded_ns
         if frame and commanded_ns is not None and self._deadman.silent(now_ns) and not self._tripped:
             self._tripped = True
-            report(silent_ns=time.monotonic_ns() - commanded_ns)
+            report(silent_ns=now() - commanded_ns)
 
     def _write(self, frame: bytes) -> None:
         """A frame is finished before the next begins; an older whole frame makes room for a newer one."""
@@ -120,11 +121,12 @@ def main(path: str) -> int:
     signal.signal(signal.SIGTERM, _terminated)
     os.set_blocking(1, False)  # a daemon that does not read must not hold up the zeros
     try:
+        adopt([path])
         guard = Guard(open_port(path), socket.socket(fileno=0))
         heard = guard.identified()
     except _Stop:
         return 0
-    except (PortError, OSError) as error:
+    except (HippomatError, OSError) as error:
         report(failed=str(error))
         return 1
     if heard is None:

@@ -44,9 +44,10 @@ from hippomat_core.wire.jetbot_base import encode_velocity
 from hippomat_core.wire.link import SendBody, encode_message
 from hippomat_host import happenings
 from hippomat_host.acceptance import hello_of, to_be_told
+from hippomat_host.clock import acted, now
 from hippomat_host.fleet_view import FleetView
 from hippomat_host.happenings import Happening
-from hippomat_host.links import Link, now
+from hippomat_host.links import Link
 from hippomat_host.loop_solver import LoopSolver
 from hippomat_host.reactor import Reactor
 from hippomat_host.screen import REFRESH_S, Screen
@@ -104,7 +105,7 @@ class Daemon:
         self._shown_ns = 0
         self._log_problem = ""
         self._actions: dict[str, Callable[[Happening], None]] = {
-            happenings.START: lambda told: self._feed(Started(told.stamp_ns)),
+            happenings.START: self._start,
             happenings.MAP: self._map,
             happenings.TICK: self._tick,
             happenings.READ: self._read,
@@ -124,6 +125,7 @@ class Daemon:
             busy_ns += now() - begun_ns
             if told.what == happenings.TICK:
                 self._recording.timing(told.stamp_ns, busy_ns, told.lag_ns)
+                acted(self._config.robot.id, told.stamp_ns)
                 busy_ns = 0
         self._stamp_ns = max(self._stamp_ns, told.stamp_ns)
         return told.text
@@ -146,6 +148,10 @@ class Daemon:
                 self._links[port].close()
 
     # ---- happenings ----
+
+    def _start(self, told: Happening) -> None:
+        self._feed(Started(told.stamp_ns))
+        acted(self._config.robot.id, told.stamp_ns)
 
     def _map(self, told: Happening) -> None:
         if self._grid is not None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import time
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
@@ -192,8 +191,3 @@ class SerialLink:
         elif reason != self._problem:  # said once, not at every try
             yield Happening(now_ns, NOTE, self.port, text=reason)
         self._problem = reason
-
-
-def now() -> int:
-    """The daemon's only clock [ns]."""
-    return time.monotonic_ns()

@@ -17,8 +17,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
+from hippomat_host.clock import now
 from hippomat_host.happenings import END, MAP, START, TICK, Happening
-from hippomat_host.links import Link, now
+from hippomat_host.links import Link
 
 TICK_NS = 50_000_000
 PAUSE_NS = 4_000_000  # devices write byte by byte: one wake-up every 4 ms takes what came together

@@ -20,6 +20,7 @@ from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import BASE, LIDAR, RADIO
 from hippomat_host.acceptance import accept, greeting_of
 from hippomat_host.advice import Given
+from hippomat_host.clock import adopt
 from hippomat_host.daemon import Daemon, NoRecording, Recording
 from hippomat_host.faults import as_error
 from hippomat_host.guard_link import GuardLink
@@ -45,6 +46,8 @@ from hippomat_logs.recovery import recover_directory
 
 def run(config: Config, given: Given, lockstep: str | None) -> int:
     """The daemon from start to exit code; raises HippomatError for what the user can put right."""
+    if lockstep is None and adopt([path for path in (given.radio, given.base, given.lidar) if path]):
+        print("the clock is a simulator's", flush=True)
     policy = policy_of(config.fleet)
     grid = map_from(given.map) if given.map else None
     if grid is not None and config.robot.start_known:

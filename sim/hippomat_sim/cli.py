@@ -143,7 +143,7 @@ def _say_where(result: RunResult, settings: RunSettings, console: Console) -> No
     from hippomat_sim.run_picture import draw_run
 
     logs = log_files(result.logs)
-    console.print(pose_table(pose_errors(logs, result.emitted_ns, result.truth)))
+    console.print(pose_table(pose_errors(logs, result.truth_ns, result.truth)))
     picture = draw_run(result, completions(logs), settings)
     console.print(f"picture: {picture}", markup=False, highlight=False, soft_wrap=True)
 
@@ -156,8 +156,10 @@ def _summary(result: RunResult, console: Console) -> int:
     for contact in result.contacts:
         other = "a wall" if contact.other == WALL else f"robot {contact.other}"
         line(f"contact at {contact.start_s:.1f} s: robot {contact.robot} and {other}")
-    if result.slipped_s:
-        line(f"the processor was too busy: the world stood still for {result.slipped_s:.1f} s in all")
+    if result.slipped_s > 1.0:
+        line(
+            f"the processor was too busy: the run took {result.slipped_s:.0f} s longer than the world's time"
+        )
     line(f"the world took {100 * result.busy:.0f} % of one processor")
     if result.troubles:
         return 1

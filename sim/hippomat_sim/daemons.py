@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hippomat_core.errors import HippomatError
+from hippomat_sim.world_clock import VARIABLE
 
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
@@ -35,6 +36,7 @@ class DaemonOrder:
     map_yaml: Path
     start: tuple[float, float, float]  # x, y [m], yaw [rad]
     log: Path | None
+    clock: Path | None = None  # the world's time; None: the daemon's own
 
     def command(self) -> list[str]:
         """The command line."""
@@ -63,7 +65,7 @@ class Daemon:
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=err,
-                env={**os.environ, **_ONE_THREAD, "PYTHONUNBUFFERED": "1"},
+                env={**os.environ, **_ONE_THREAD, **_clock(order), "PYTHONUNBUFFERED": "1"},
                 start_new_session=True,  # Ctrl-C reaches us; we tell the daemons
                 preexec_fn=_die_with_parent,
             )
@@ -108,6 +110,10 @@ class Daemon:
             if text:
                 return "\n".join(text.splitlines()[-lines:])
         return "(it printed nothing)"
+
+
+def _clock(order: DaemonOrder) -> dict[str, str]:
+    return {} if order.clock is None else {VARIABLE: str(order.clock.resolve())}
 
 
 def describe_end(daemon: Daemon) -> str:

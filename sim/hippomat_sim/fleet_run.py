@@ -1,7 +1,7 @@
 """One simulated run in real time: ports and world here, N real daemons beside it, from start to clean end.
 
-The daemons live on the real clock, so the world does too; when this process was kept from the processor for
-long, the world's clock stands still for that time instead of jumping (slipped_s).
+Daemons and world share the world's clock (world_clock.py), which keeps to real time as far as the machine
+can; what it could not is slipped_s.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from hippomat_sim.simulation import Simulation, SimulationSetup
 from hippomat_sim.start_poses import start_poses
 from hippomat_sim.views import View
 from hippomat_sim.world import Body, Contact
+from hippomat_sim.world_clock import WorldClock
 
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 15.0
 _VIEW_PERIOD_S = 0.5
-_MAX_LAG_US = 200_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,15 +56,19 @@ class RunResult:
     start_poses: NDArray[np.float64]  # (N, 3)
     truth_us: NDArray[np.int64]  # (T,) since the start of the world
     truth: NDArray[np.float64]  # (T, N, 3)
-    emitted_ns: NDArray[np.int64]  # (T,) monotonic clock, when the devices told of it
-    start_monotonic_ns: int  # of truth_us 0; exact while slipped_s is 0
+    start_monotonic_ns: int  # of truth_us 0, on the daemons' clock
     seconds: float  # with all robots on the air
     contacts: tuple[Contact, ...]
     counts: tuple[StationCounts, ...]
     served: tuple[int, ...]  # heard from the air
     troubles: tuple[str, ...]  # daemons that died, or had to be killed
-    slipped_s: float
+    slipped_s: float  # by which the run took longer than the world's time
     busy: float  # share of one processor that the world took
+
+    @property
+    def truth_ns(self) -> NDArray[np.int64]:
+        """(T,) stamps of the truth, as the daemons' logs have them."""
+        return self.truth_us * 1000 + self.start_monotonic_ns
 
 
 class FleetRun:
@@ -102,10 +106,8 @@ class FleetRun:
         self.interrupted = 0  # signals so far
         self._reported: set[int] = set()
         self._view = view
-        self._start_ns = 0
-        self._slipped_us = 0
+        self._clock = WorldClock(settings.out / "ports" / "clock", settings.robots)
         self._next_view_s = 0.0
-        self._emitted_ns: list[int] = []  # when each row of the truth was made
         self._to_carry = sorted(settings.carried, key=lambda one: one.at_s)
         self._began_s = math.inf
 
@@ -120,6 +122,8 @@ class FleetRun:
                 kill_all(self.daemons)
                 self._view.close()
                 self.simulation.close()
+                self._clock.close()
+                self._clock.path.unlink()
         return self._result(seconds)
 
     def log_directory(self, robot: int) -> Path:
@@ -131,8 +135,8 @@ class FleetRun:
         with contextlib.suppress(HippomatError):  # a daemon says better what is wrong with it
             self._compile()
         self._view.phase("starting the daemons", 0.0, 0.0)
-        self._start_ns = time.monotonic_ns()
         self._cpu_start_s = time.process_time()
+        self._clock.begin()
         self.daemons = [Daemon(self._order(robot), self.settings.out) for robot in range(len(self.starts))]
         heard = self.simulation.ear.robots
         self._pace(START_TIMEOUT_S, lambda: all(one.first_us >= 0 for one in heard) or self._one_died())
@@ -166,6 +170,7 @@ class FleetRun:
             self.settings.map_yaml.resolve(),
             (x_m, y_m, yaw_rad),
             self.log_directory(robot) if self.settings.record_logs else None,
+            self._clock.path,
         )
 
     def _drive(self) -> float:
@@ -198,12 +203,7 @@ class FleetRun:
         """Let the world run on the real clock until done, or the time is over, or (stoppable) Ctrl-C."""
         end_s = self._now_s() + duration_s
         while (now_s := self._now_s()) < end_s and not (stoppable and self.interrupted):
-            now_us = int(now_s * 1e6)
-            lag_us = now_us - self.simulation.next_us()
-            if lag_us > _MAX_LAG_US:
-                self._slipped_us += lag_us
-                end_s -= lag_us / 1e6
-                now_us -= lag_us
+            now_us = self._move()
             self._advance(now_us)
             if now_s >= self._next_view_s:
                 self._next_view_s = now_s + _VIEW_PERIOD_S
@@ -214,23 +214,26 @@ class FleetRun:
             timeout_s = self.simulation.next_us() / 1e6 - self._now_s()
             written = self.simulation.wait_for_bytes(timeout_s)
             if written:
-                served_us = max(now_us, int(self._now_s() * 1e6))
-                self._advance(served_us)
-                self.simulation.serve(written, served_us)
+                now_us = self._move()
+                self._advance(now_us)
+                self.simulation.serve(written, now_us)
 
     def _advance(self, now_us: int) -> None:
-        """The devices write what happened up to now_us; a world that is late tells it late."""
+        """The devices write what happened up to now_us; and people carry robots about."""
         self.simulation.advance(now_us)
         while self._to_carry and now_us / 1e6 - self._began_s >= self._to_carry[0].at_s:
             one = self._to_carry.pop(0)
             self.simulation.carry(one.robot, one.pose)
             self._view.note(f"robot {one.robot} was carried elsewhere")
-        new = len(self.simulation.truth) - len(self._emitted_ns)
-        self._emitted_ns += [time.monotonic_ns()] * new
+
+    def _move(self) -> int:
+        """The world's time goes on, as far as the daemons that work have come [us]."""
+        working = [one.robot for one in self.daemons if not one.stopping and one.exit_code is None]
+        return self._clock.move(working)
 
     def _now_s(self) -> float:
         """World time [s]."""
-        return (time.monotonic_ns() - self._start_ns) / 1e9 - self._slipped_us / 1e6
+        return self._clock.now_us / 1e6
 
     def _watch(self) -> None:
         for daemon in self.daemons:
@@ -276,16 +279,14 @@ class FleetRun:
             self.starts,
             times,
             poses,
-            np.array(self._emitted_ns, dtype=np.int64),
-            self._start_ns,
+            self._clock.start_ns,
             seconds,
             tuple(simulation.world.contacts),
             tuple(simulation.medium.counts),
             tuple(heard.served for heard in simulation.ear.robots),
             tuple(self.troubles),
-            self._slipped_us / 1e6,
-            (time.process_time() - self._cpu_start_s)
-            / max((time.monotonic_ns() - self._start_ns) / 1e9, 1e-9),
+            max(self._clock.real_s - self._now_s(), 0.0),
+            (time.process_time() - self._cpu_start_s) / max(self._clock.real_s, 1e-9),
         )
         if self.settings.record_truth:
             _write_truth(result)
@@ -303,7 +304,6 @@ def _write_truth(result: RunResult) -> None:
     np.savez_compressed(
         result.out / "truth.npz",
         stamp_ns=result.truth_us * 1000 + result.start_monotonic_ns,
-        emitted_ns=result.emitted_ns,
         poses=result.truth,
         contacts=np.array(contacts, dtype=np.float64).reshape(-1, 3),
         slipped_s=np.array(result.slipped_s),

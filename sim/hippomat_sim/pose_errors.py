@@ -1,7 +1,6 @@
 """How far the robots were from where they believed to be: their logs against the world's truth.
 
-Compares at the robot's ticks, with the truth when the devices told of it: a world that runs late on a
-busy machine is no error of the robot's.
+Compares at the robot's ticks; daemons and world share a clock.
 """
 
 from __future__ import annotations
@@ -34,14 +33,14 @@ class PoseErrors:
 
 
 def pose_errors(
-    logs: Sequence[Path], emitted_ns: NDArray[np.int64], truth: NDArray[np.float64]
+    logs: Sequence[Path], stamps_ns: NDArray[np.int64], truth: NDArray[np.float64]
 ) -> list[PoseErrors]:
-    """One per log. truth: (T, N, 3) poses, told at emitted_ns (T,)."""
-    return [_of_run(run, emitted_ns, truth) for run in open_runs(logs)]
+    """One per log. truth: (T, N, 3) poses at stamps_ns (T,)."""
+    return [_of_run(run, stamps_ns, truth) for run in open_runs(logs)]
 
 
-def _of_run(run: Run, emitted_ns: NDArray[np.int64], truth: NDArray[np.float64]) -> PoseErrors:
-    stamps_ns, poses, known, sure, first = [], [], [], True, False
+def _of_run(run: Run, stamps_ns: NDArray[np.int64], truth: NDArray[np.float64]) -> PoseErrors:
+    at_ns, poses, known, sure, first = [], [], [], True, False
     stamp_ns = 0
     for record in run.records_in_order((Tick, PoseEstimated, Localized)):
         message = record.message
@@ -50,12 +49,12 @@ def _of_run(run: Run, emitted_ns: NDArray[np.int64], truth: NDArray[np.float64])
         elif isinstance(message, Localized):
             sure = message.phase == "localized"
             first = first or sure
-        elif isinstance(message, PoseEstimated) and emitted_ns[0] <= stamp_ns <= emitted_ns[-1]:
-            stamps_ns.append(stamp_ns)
+        elif isinstance(message, PoseEstimated) and stamps_ns[0] <= stamp_ns <= stamps_ns[-1]:
+            at_ns.append(stamp_ns)
             poses.append((message.x_m, message.y_m))
             known.append(sure and (first or message.source == "odometry"))
-    at, told = np.array(stamps_ns, np.int64), np.array(poses).reshape(-1, 2)
-    true = [np.interp(at - emitted_ns[0], emitted_ns - emitted_ns[0], truth[:, run.robot, k]) for k in (0, 1)]
+    at, told = np.array(at_ns, np.int64), np.array(poses).reshape(-1, 2)
+    true = [np.interp(at - stamps_ns[0], stamps_ns - stamps_ns[0], truth[:, run.robot, k]) for k in (0, 1)]
     mask = np.array(known, bool)
     errors_m = np.hypot(told[:, 0] - true[0], told[:, 1] - true[1])[mask]
     began = int(mask.argmax()) if mask.any() else 0

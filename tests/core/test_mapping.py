@@ -48,10 +48,13 @@ def test_the_robot_knows_where_it_is_in_the_map_that_it_makes(mapped):
 def test_the_map_shows_the_walls_that_there_are(mapped):
     last = mapped.state.charting.mapper.grid()
     iy, ix = np.nonzero(last.cells == 100)
-    x, y = last.origin_x_m + (ix + 0.5) * 0.05, last.origin_y_m + (iy + 0.5) * 0.05
+    columns = np.floor((last.origin_x_m + (ix + 0.5) * 0.05) / 0.05).astype(int)
+    rows = np.floor((last.origin_y_m + (iy + 0.5) * 0.05) / 0.05).astype(int)
     walls = FLAT.cells == 100
-    near = [walls[max(int(b / 0.05) - 2, 0) : int(b / 0.05) + 3, max(int(a / 0.05) - 2, 0) : int(a / 0.05) + 3].any()
-            for a, b in zip(x, y, strict=True)]  # fmt: skip
+    windows = [
+        (slice(max(k - 2, 0), k + 3), slice(max(j - 2, 0), j + 3)) for k, j in zip(rows, columns, strict=True)
+    ]
+    near = [walls[window].any() for window in windows]
     assert len(near) > 300
     assert np.mean(near) > 0.98
 

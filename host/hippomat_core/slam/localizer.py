@@ -31,7 +31,8 @@ START_SIGMA = (0.1, math.radians(5.0))  # how a person puts a robot on its mark
 FOUND_SIGMA = (0.1, math.radians(3.0))
 CLOSER = Search(0.2, math.radians(4.0))  # around a place that the search of the whole map names
 WIDEST = Search(0.4, math.radians(15.0))
-ALIKE = 0.05  # a place whose score comes this near to the best one's could be it as well: some people in view
+# A place could be it as well whose misfit is below 2.5 times the best one's (plus 0.02) and 0.12 more than it.
+ALIKE, SLACK, BEHIND = 2.5, 0.02, 0.12
 SAME_M, SAME_RAD = 0.5, math.radians(20.0)  # two poses nearer than this are one place
 NEVER = -1
 NO_FIT = ScanFit(0, 0, 0)
@@ -225,7 +226,8 @@ def _judged(localizer: Localizer, hunt: Hunt, now_ns: int) -> Localizer:
     ranked = _distinct(hunt.looked)
     best = ranked[0][0] if ranked else 0.0
     expected = _expected(localizer, hunt)
-    alike = [pose for score, pose in ranked if score > best - ALIKE]
+    limit = min(ALIKE * (1.0 - best) + SLACK, 1.0 - best + BEHIND)
+    alike = [pose for score, pose in ranked if 1.0 - score < limit]
     near = [pose for pose in alike if expected is not None and _same(pose, expected)]
     if best < localizer.config.score_min:
         return _undecided(localizer, now_ns, f"the scan fits the map nowhere (best score {best:.2f})")
