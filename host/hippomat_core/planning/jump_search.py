@@ -106,7 +106,7 @@ def jump_search(
     return way_back(so_far, came, offsets, slate)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _straight(
     offsets: NDArray[np.int32],
     runs: NDArray[np.int16],
@@ -139,7 +139,7 @@ def _straight(
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _diagonal(
     steps_out: NDArray[np.uint8],
     offsets: NDArray[np.int32],
@@ -181,7 +181,7 @@ def _diagonal(
                 so_far[node], came[node] = length, step  # the way back leads through here
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _ahead(slate: Slate, node: int, row: int, step: int) -> int:
     """Straight steps to the target; 0 or less where it does not lie in this direction."""
     dy = slate[GOAL_Y] - row
@@ -191,7 +191,7 @@ def _ahead(slate: Slate, node: int, row: int, step: int) -> int:
     return int(dx * _STEPS[step, 0]) if dy == 0 else 0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _towards(slate: Slate, node: int, row: int) -> int:
     """The bit of the step that leads straightest to the target."""
     dy = np.sign(slate[GOAL_Y] - row)
@@ -199,7 +199,7 @@ def _towards(slate: Slate, node: int, row: int) -> int:
     return int(_TOWARDS[dy + 1, dx + 1])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _to_go(slate: Slate, node: int, row: int) -> int:
     """The octile distance to the target."""
     dx, dy = abs(node - row * slate[WIDTH] - slate[GOAL_X]), abs(row - slate[GOAL_Y])
