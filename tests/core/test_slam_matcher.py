@@ -12,7 +12,7 @@ from scan_rooms import CORRIDOR, HALL, in_map, scan, walls_of
 
 from hippomat_core.errors import MapError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.slam.likelihood_field import field_of_grid, field_of_points, near_surfaces
+from hippomat_core.slam.likelihood_field import field_of_grid, field_of_points
 from hippomat_core.slam.matcher import Search, Trust, match
 
 WALLS = walls_of(HALL)
@@ -160,15 +160,6 @@ def test_the_search_finds_the_best_pose_of_a_trusted_guess_too(true, seed):
         for m in (match(FIELD, points, pose, fixed, Trust(1e-4, 1e-4)) for pose in others)
     )
     assert gain(found.pose, found.score) >= best - 0.05 * worth / 10.0
-
-
-def test_what_was_never_seen_lies_near_no_surface():
-    wall = np.stack([np.linspace(0.0, 5.0, 200), np.zeros(200)], axis=1)
-    points = np.array([[1.0, 0.0], [1.0, 0.2], [1.0, 2.0], [9.0, 0.0], [-3.0, -3.0]])
-    near = near_surfaces(field_of_points(wall), points, np.zeros(3))
-    assert near.tolist() == [True, True, False, False, False]
-    moved = near_surfaces(field_of_points(wall), points, np.array([-4.0, 0.0, 0.0]))
-    assert moved.tolist() == [False, False, False, True, False]
 
 
 def test_without_points_the_guess_comes_back_unmatched():

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from hippomat_core.errors import MapError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.slam.poses import placed
 
 SIGMA_M = 0.1
 REACH_SIGMAS = 3.0  # beyond it a value is below 0.012 and taken as 0
@@ -87,32 +86,6 @@ def field_of_grid(grid: OccupancyGrid, sigma_m: float = SIGMA_M) -> LikelihoodFi
     reach_m = REACH_SIGMAS * sigma_m
     values = _splatted(centres, grid.height, grid.width, resolution_m, x_m, y_m, sigma_m, reach_m)
     return LikelihoodField(values, resolution_m, x_m, y_m, sigma_m)
-
-
-def near_surfaces(
-    field: LikelihoodField, points: NDArray[np.float64], pose: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """(n,) True for points (n, 2) [m] of the base frame that, seen from `pose`, lie near any surface point.
-
-    Near is within sigma's reach and one to two blocks. Others show what was never seen before: they cannot
-    say where the robot is, and a match that counts them draws it back to where less is new.
-    """
-    corner = np.array([field.origin_x_m, field.origin_y_m])
-    places = placed(points, pose) - corner
-    blocks = np.floor(places / (BLOCK * field.resolution_m)).astype(np.int64)
-    return _near_blocks(field.blocks, blocks)
-
-
-@njit(cache=True, nogil=True)
-def _near_blocks(blocks: NDArray[np.uint8], at: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """at: (n, 2) column and row of each point's block."""
-    near = np.zeros(at.shape[0], np.bool_)
-    for k in range(at.shape[0]):
-        bx, by = at[k, 0] + 1, at[k, 1] + 1  # row and column 0 lie before the field
-        for iy in range(max(by - 2, 0), min(by + 2, blocks.shape[0])):
-            for ix in range(max(bx - 2, 0), min(bx + 2, blocks.shape[1])):
-                near[k] |= blocks[iy, ix] > 0
-    return near
 
 
 @njit(cache=True, nogil=True)

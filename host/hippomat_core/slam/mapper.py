@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.slam.likelihood_field import SIGMA_M, LikelihoodField, field_of_points, near_surfaces
+from hippomat_core.slam.likelihood_field import SIGMA_M, LikelihoodField, field_of_points
 from hippomat_core.slam.matcher import Search, Trust, match
 from hippomat_core.slam.pose_graph import EMPTY_GRAPH, Keyframe, PoseGraph
 from hippomat_core.slam.poses import composed, placed_together, seen_from, turned_information
@@ -40,7 +40,6 @@ class MapperSettings:
     # Without odometry: wide enough for logs that were thinned to a scan a metre or a quarter turn.
     blind_search: Search = field(default_factory=lambda: Search(1.3, math.radians(90.0), math.radians(1.0)))
     least_score: float = 0.4  # below it a match is taken for none
-    least_known: float = 0.3  # share of the returns that must lie near something seen before
     slip: float = (
         0.1  # odometry is off by this share of the way and by that of the turn, and by no less than:
     )
@@ -91,10 +90,8 @@ class Mapper:
             first = replace(first, odometry=odometry)
             return first, Outcome(self.pose, 1.0, True, 0, np.zeros(3), True)
         guess, search, trust = self._guess(odometry)
-        known = points if trust is None else points[near_surfaces(self.field, points, guess)]
-        found = match(self.field, known, guess, search, trust)
+        found = match(self.field, points, guess, search, trust)
         matched = found.score >= self.settings.least_score
-        matched &= len(known) >= self.settings.least_known * len(points)
         pose = found.pose if matched else guess
         last = len(self.graph) - 1
         offset = seen_from(self.graph.poses[last], pose)
