@@ -5,6 +5,8 @@ Knows encoded records, not what they mean. Format: https://mcap.dev/spec
 
 from __future__ import annotations
 
+import json
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -19,6 +21,10 @@ CHUNK_BYTES = 256 * 1024
 RUN_METADATA = "hippomat.run"  # directly behind the header of every part
 POLICY_ATTACHMENT = "policy.safetensors"  # behind the manifest, where the allocator has weights
 END_METADATA = "hippomat.end"  # last of a part that was finished
+RECOVERY_METADATA = "hippomat.recovery"  # last of a part that was recovered: what it lost
+CHANNELS_KEY = (
+    "channels_crc32"  # of the manifest: which channels the part has, should its first chunk be lost
+)
 
 _QOS = """- history: 1
   depth: {depth}
@@ -74,11 +80,25 @@ def our_channels(store: MessageStore) -> list[ChannelSpec]:
     ]
 
 
+def channels_crc32(channels: Sequence[ChannelSpec]) -> str:
+    """Names a list of channels, order included."""
+    return f"{zlib.crc32(repr([(c.topic, c.type_name, c.definition) for c in channels]).encode()):08x}"
+
+
+def facts_crc32(facts: Mapping[str, str]) -> str:
+    """Checksum of metadata, for which MCAP has none."""
+    return f"{zlib.crc32(json.dumps(dict(facts), sort_keys=True).encode()):08x}"
+
+
 class PartWriter:
     """An open part. After an OSError it must be abandoned: mcap's writer then holds a stale chunk."""
 
     def __init__(
-        self, sink: Sink, manifest: Mapping[str, str], channels: Sequence[ChannelSpec], policy: bytes = b""
+        self,
+        sink: Sink,
+        manifest: Mapping[str, str],
+        channels: Sequence[ChannelSpec],
+        attachments: Mapping[str, bytes],
     ) -> None:
         self.sink = sink
         self._writer: Any = Writer(  # its methods carry no annotations
@@ -89,11 +109,11 @@ class PartWriter:
             enable_data_crcs=True,
         )
         self._writer.start(profile="ros2", library=f"hippomat {package_version()}")
-        self._writer.add_metadata(RUN_METADATA, dict(manifest))
-        if policy:
-            wall_ns = int(manifest.get("started_ns", "0")) + int(manifest.get("wall_offset_ns", "0"))
-            media_type = "application/octet-stream"
-            self._writer.add_attachment(wall_ns, wall_ns, POLICY_ATTACHMENT, media_type, policy)
+        for _ in range(2):  # nothing can be read without it, so one copy may be damaged
+            self._add_facts(RUN_METADATA, {**manifest, CHANNELS_KEY: channels_crc32(channels)})
+        wall_ns = int(manifest.get("started_ns", "0")) + int(manifest.get("wall_offset_ns", "0"))
+        for name, data in attachments.items():
+            self._writer.add_attachment(wall_ns, wall_ns, name, "application/octet-stream", data)
         schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         for spec in channels:
@@ -114,9 +134,12 @@ class PartWriter:
         """Close the chunk and append it to the file, whole or not at all."""
         self._writer.flush()
 
-    def finish(self, end: Mapping[str, str] | None) -> None:
+    def finish(self, name: str, facts: Mapping[str, str]) -> None:
+        """name: END_METADATA or RECOVERY_METADATA."""
         self._writer.flush()
-        if end is not None:
-            self._writer.add_metadata(END_METADATA, dict(end))
+        self._add_facts(name, facts)
         self._writer.finish()
         self.sink.finish()
+
+    def _add_facts(self, name: str, facts: Mapping[str, str]) -> None:
+        self._writer.add_metadata(name, {**facts, "crc32": facts_crc32(facts)})

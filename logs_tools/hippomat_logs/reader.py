@@ -109,7 +109,7 @@ class Run:
         """
         wanted = {TOPICS[kind] for kind in (*kinds, DropRecord)} if kinds else CLASSES
         self.records, expected = 0, 1
-        self.lost.clear()
+        self.lost, losses = [], Losses()
         for index, path in enumerate(self.paths):
             contents = Contents()
             for raw in read_raw(path, contents):
@@ -124,8 +124,8 @@ class Run:
                 if first != expected:
                     raise LogError(f"{path}: record {expected} is missing: {_gap(expected, first)}")
                 if isinstance(record.message, DropRecord):
-                    d = record.message
-                    self.lost.append(f"records {d.first}..{d.last} lost: {d.cause}")
+                    losses.add(record.message)
+                    self.lost = losses.lines()
                 expected = raw.number + 1
                 self.records += 1
                 if not kinds or type(record.message) in kinds:
@@ -158,6 +158,28 @@ class Run:
             raise LogError(f"{path}: ends at record {expected - 1}, but record {last} was written")
         if is_last and not final:
             raise LogError(f"{path}: is not the last part of its run: give the later parts too")
+
+
+class Losses:
+    """Drop records, summed up by their cause: shedding makes thousands."""
+
+    def __init__(self) -> None:
+        self._of: dict[
+            str, list[int]
+        ] = {}  # cause -> first record, last record, how many, in how many places
+
+    def add(self, drop: DropRecord) -> None:
+        sums = self._of.setdefault(drop.cause, [drop.first, 0, 0, 0])
+        self._of[drop.cause] = [sums[0], drop.last, sums[2] + drop.last - drop.first + 1, sums[3] + 1]
+
+    def lines(self) -> list[str]:
+        shown = []
+        for cause, (first, last, count, places) in self._of.items():
+            which = f"records {first}..{last}"
+            shown.append(
+                f"{which if places == 1 else f'{count} of the {which}, in {places} places,'} lost: {cause}"
+            )
+        return shown
 
 
 def _gap(expected: int, found: int) -> str:
