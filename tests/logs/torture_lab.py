@@ -17,6 +17,7 @@ from recorded_run import record_run
 
 from hippomat_core import messages as m
 from hippomat_core.errors import LogError
+from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.reader import mapped, read_raw, reading_store
 from hippomat_logs.records import DropRecord
 from hippomat_logs.recovery import lenient_contents, recover_active
@@ -165,8 +166,6 @@ def seconds_lost_by_kill(directory: Path, seed: int) -> float:
 
 def last_stamp_ns(data: bytes) -> int:
     """Stamp of the newest Tick that can be had of an unfinished log; 0 if there is none."""
-    from hippomat_logs.lenient_walk import walk_leniently
-
     store, topic, newest = reading_store(), TOPICS[m.Tick], 0
     for raw in walk_leniently(memoryview(data), lenient_contents(store)):
         if raw.topic == topic:
