@@ -6,7 +6,7 @@ Frames map -> odom -> base_link -> lidar (REP 105). These messages are a view: r
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -34,34 +34,32 @@ class DerivedTopics:
         links = [self._transform(0, "map", "odom", origin), self._transform(0, "odom", "base_link", origin)]
         self._tf = self._new(DERIVED["/tf"], transforms=links)
         self._odometry = self._new_odometry()
+        self._views: dict[type, Callable[[Any, int], Iterable[tuple[str, bytes]]]] = {
+            m.PoseEstimated: self._pose,
+            m.BaseFeedback: self._integrate,
+            m.ScanReceived: lambda scan, t: [self._scan(scan, t)],
+            m.PathPlanned: lambda path, t: [self._path(path, t)],
+            m.MapReceived: lambda grid, t: [self._grid(grid, t)],
+            m.AlarmRaised: lambda alarm, t: [self._alarm(alarm, t)],
+        }
 
     def static(self) -> Iterator[tuple[str, bytes]]:
         lidar = self._lidar
         offset = self._transform(0, "base_link", "lidar", (lidar.x_m, lidar.y_m, lidar.yaw_rad), lidar.z_m)
         yield self._encode("/tf_static", transforms=[offset])
 
-    def of(self, record: Any, log_time_ns: int) -> Iterator[tuple[str, bytes]]:
+    def of(self, record: Any, log_time_ns: int) -> Iterable[tuple[str, bytes]]:
         """(topic, CDR) of everything that follows from one record; often nothing."""
-        if isinstance(record, m.PoseEstimated):
-            yield from self._pose(record, log_time_ns)
-        elif isinstance(record, m.BaseFeedback):
-            self._integrate(record)
-        elif isinstance(record, m.ScanReceived):
-            yield self._scan(record, log_time_ns)
-        elif isinstance(record, m.PathPlanned):
-            yield self._path(record, log_time_ns)
-        elif isinstance(record, m.MapReceived):
-            self._map = record
-            yield self._grid(record, log_time_ns)
-        elif isinstance(record, m.AlarmRaised):
-            yield self._alarm(record, log_time_ns)
+        view = self._views.get(type(record))
+        return view(record, log_time_ns) if view else ()
 
-    def _integrate(self, feedback: m.BaseFeedback) -> None:
+    def _integrate(self, feedback: m.BaseFeedback, _: int) -> Iterable[tuple[str, bytes]]:
         """Increments, not the absolute fields: int16 millimetres wrap at 32.767 m."""
         x, y, yaw = self._odom
         dx, dy, dyaw = feedback.delta_x_mm / 1e3, feedback.delta_y_mm / 1e3, feedback.delta_yaw_mrad / 1e3
         c, s = math.cos(yaw + dyaw / 2), math.sin(yaw + dyaw / 2)
         self._odom = (x + c * dx - s * dy, y + s * dx + c * dy, yaw + dyaw)
+        return ()
 
     def _pose(self, pose: m.PoseEstimated, t: int) -> Iterator[tuple[str, bytes]]:
         in_map, in_odom = (pose.x_m, pose.y_m, pose.yaw_rad), self._odom
@@ -126,6 +124,7 @@ class DerivedTopics:
         return self._encode("/plan", header=header, poses=poses)
 
     def _grid(self, grid: m.MapReceived, t: int) -> tuple[str, bytes]:
+        self._map = grid
         info = self._new(
             "nav_msgs/msg/MapMetaData",
             map_load_time=self._time(t),

@@ -13,14 +13,8 @@ from collections.abc import Iterator
 import zstandard
 
 from hippomat_core.errors import LogError
+from hippomat_logs.mcap_writer import ATTACHMENT, CHUNK, DATA_END, HEADER, MAGIC, MESSAGE_INDEX, METADATA
 from hippomat_logs.walk import (
-    ATTACHMENT,
-    CHUNK,
-    DATA_END,
-    HEADER,
-    MAGIC,
-    MESSAGE_INDEX,
-    METADATA,
     PREFIX,
     Contents,
     RawMessage,

@@ -10,10 +10,8 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, cast
 
-from mcap.writer import CompressionType, Writer
-
+from hippomat_logs.mcap_writer import McapWriter
 from hippomat_logs.schema import DERIVED, LATCHED, TOPICS, MessageStore, type_name
 from hippomat_logs.sink import Sink
 
@@ -91,7 +89,7 @@ def facts_crc32(facts: Mapping[str, str]) -> str:
 
 
 class PartWriter:
-    """An open part. After an OSError it must be abandoned: mcap's writer then holds a stale chunk."""
+    """An open part. After an OSError it must be abandoned: the writer then holds a stale chunk."""
 
     def __init__(
         self,
@@ -101,34 +99,25 @@ class PartWriter:
         attachments: Mapping[str, bytes],
     ) -> None:
         self.sink = sink
-        self._writer: Any = Writer(  # its methods carry no annotations
-            cast(Any, sink),
-            chunk_size=CHUNK_BYTES,
-            compression=CompressionType.ZSTD,
-            enable_crcs=True,
-            enable_data_crcs=True,
-        )
-        self._writer.start(profile="ros2", library=f"hippomat {package_version()}")
+        self._writer = McapWriter(sink, "ros2", f"hippomat {package_version()}", CHUNK_BYTES)
         for _ in range(2):  # nothing can be read without it, so one copy may be damaged
             self._add_facts(RUN_METADATA, {**manifest, CHANNELS_KEY: channels_crc32(channels)})
         wall_ns = int(manifest.get("started_ns", "0")) + int(manifest.get("wall_offset_ns", "0"))
         for name, data in attachments.items():
-            self._writer.add_attachment(wall_ns, wall_ns, name, "application/octet-stream", data)
+            self._writer.add_attachment(wall_ns, name, "application/octet-stream", data)
         schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         for spec in channels:
             if spec.type_name not in schemas:
-                schemas[spec.type_name] = self._writer.register_schema(
-                    spec.type_name, "ros2msg", spec.definition
-                )
+                schemas[spec.type_name] = self._writer.add_schema(spec.type_name, "ros2msg", spec.definition)
             schema = schemas[spec.type_name]
-            self._channels[spec.topic] = self._writer.register_channel(
+            self._channels[spec.topic] = self._writer.add_channel(
                 spec.topic, "cdr", schema, dict(spec.metadata)
             )
 
     def add(self, topic: str, number: int, log_time_ns: int, data: bytes) -> None:
         """`number` goes into the sequence field; a derived message carries its source's number."""
-        self._writer.add_message(self._channels[topic], log_time_ns, data, log_time_ns, number & 0xFFFFFFFF)
+        self._writer.add_message(self._channels[topic], number & 0xFFFFFFFF, log_time_ns, data)
 
     def flush(self) -> None:
         """Close the chunk and append it to the file, whole or not at all."""
@@ -136,7 +125,6 @@ class PartWriter:
 
     def finish(self, name: str, facts: Mapping[str, str]) -> None:
         """name: END_METADATA or RECOVERY_METADATA."""
-        self._writer.flush()
         self._add_facts(name, facts)
         self._writer.finish()
         self.sink.finish()

@@ -11,7 +11,7 @@ import threading
 import time
 import zlib
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import partial
@@ -32,7 +32,7 @@ from hippomat_logs.sink import SinkOpener, file_sinks
 SYNC_S = 0.4  # a plug that is pulled costs so much, and what the disk takes for one sync
 WAKE_S = 0.1
 QUEUE_RECORDS = 8192
-BATCH_RECORDS = 8  # encoded in one go: the control loop's thread must not wait long for the interpreter
+BATCH_RECORDS = 20  # encoded in one go: the control loop's thread must not wait long for the interpreter
 YIELD_S = 1e-4
 _FULL = "queue full: the disk was too slow"
 _FILLING = "queue half full: bulk was shed"
@@ -226,12 +226,12 @@ class Recorder:
                 Encoded(TOPICS[DropRecord], gap.last, log_time_ns, self._store.encode(gap)), now_s
             )
 
-    def _views(self, record: Any, log_time_ns: int) -> list[tuple[str, bytes]]:
+    def _views(self, record: Any, log_time_ns: int) -> Iterable[tuple[str, bytes]]:
         try:
-            return list(self._derived.of(record, log_time_ns))
+            return tuple(self._derived.of(record, log_time_ns))
         except Exception as error:  # a view that cannot be drawn must cost nothing else
             self._fault = f"no standard topic for {type(record).__name__}: {error}"
-            return []
+            return ()
 
     def _lost_for(self, number: int, log_time_ns: int, record: Any, error: Exception) -> Encoded:
         cause = f"{type(record).__name__} does not fit its definition: {error}"

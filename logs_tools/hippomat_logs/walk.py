@@ -16,6 +16,20 @@ from dataclasses import dataclass, field
 import zstandard
 
 from hippomat_core.errors import LogError
+from hippomat_logs.mcap_writer import (
+    ATTACHMENT,
+    CHANNEL,
+    CHUNK,
+    DATA_END,
+    FOOTER,
+    HEADER,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_INDEX,
+    METADATA,
+    SCHEMA,
+    STATISTICS,
+)
 from hippomat_logs.part import (
     CHANNELS_KEY,
     END_METADATA,
@@ -27,9 +41,6 @@ from hippomat_logs.part import (
     facts_crc32,
 )
 
-MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7
-ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x09, 0x0B, 0x0C, 0x0F
 FOOTER_BYTES, DATA_END_BYTES = 9 + 20, 9 + 4
 MAX_CHUNK_BYTES = 64 << 20
 SLICE_BYTES = 16 << 20  # of a file, in memory at once

@@ -18,12 +18,13 @@ from recorded_run import record_run
 from hippomat_core import messages as m
 from hippomat_core.errors import LogError
 from hippomat_logs.lenient_walk import walk_leniently
+from hippomat_logs.mcap_writer import CHUNK, MAGIC
 from hippomat_logs.reader import mapped, read_raw, reading_store
 from hippomat_logs.records import DropRecord
 from hippomat_logs.recovery import lenient_contents, recover_active
 from hippomat_logs.schema import TOPICS
 from hippomat_logs.sink import PowerCutSink
-from hippomat_logs.walk import CHUNK, MAGIC, Contents, inflated, messages_inside, with_offsets
+from hippomat_logs.walk import Contents, inflated, messages_inside, with_offsets
 
 Message = tuple[int, int, str, bytes]  # number, log time, topic, data
 ACTIVE_NAME = "robot00_x_000.mcap.active"
