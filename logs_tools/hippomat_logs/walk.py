@@ -125,7 +125,7 @@ def check_frame(data: memoryview, name: str) -> tuple[int, int]:
 
 
 def _messages_promised(data: memoryview, start: int, end: int, missing: LogError) -> int:
-    for opcode, body, _ in _records(data, start, end):
+    for opcode, body, _ in records(data, start, end):
         if opcode == STATISTICS:
             return int(struct.unpack_from("<Q", body)[0])
     raise missing
@@ -134,7 +134,7 @@ def _messages_promised(data: memoryview, start: int, end: int, missing: LogError
 def walk_strictly(data: memoryview, name: str, contents: Contents) -> Iterator[RawMessage]:
     """Every message of a finished file in file order; raises LogError on anything unexpected."""
     end, promised = check_frame(data, name)
-    first = [opcode for (opcode, _, _), _ in zip(_records(data, len(MAGIC), end), range(2), strict=False)]
+    first = [opcode for (opcode, _, _), _ in zip(records(data, len(MAGIC), end), range(2), strict=False)]
     if first != [HEADER, METADATA]:
         raise LogError(f"{name}: has no run manifest behind its header; was it recorded by hippomat?")
     for at, opcode, body, behind in with_offsets(data, len(MAGIC), end):
@@ -149,7 +149,7 @@ def walk_strictly(data: memoryview, name: str, contents: Contents) -> Iterator[R
 def with_offsets(data: memoryview, start: int, end: int) -> Iterator[tuple[int, int, memoryview, int]]:
     """(offset, opcode, body, offset behind it) of the records in data[start:end]."""
     forgotten = at = start
-    for opcode, body, behind in _records(data, start, end):
+    for opcode, body, behind in records(data, start, end):
         yield at, opcode, body, behind
         at = behind
         if at - forgotten > SLICE_BYTES:
@@ -157,7 +157,7 @@ def with_offsets(data: memoryview, start: int, end: int) -> Iterator[tuple[int, 
             forgotten = at
 
 
-def _records(data: memoryview, start: int, end: int) -> Iterator[tuple[int, memoryview, int]]:
+def records(data: memoryview, start: int, end: int) -> Iterator[tuple[int, memoryview, int]]:
     """(opcode, body, offset behind it) of the records in data[start:end]."""
     at = start
     while at < end:
@@ -182,7 +182,7 @@ def record(opcode: int, body: memoryview, at: int, contents: Contents) -> Iterat
         if len(body) < 6 or struct.unpack_from("<I", body, 2)[0] != len(body) - 6:
             raise LogError(f"message index at byte {at} has an impossible length")
     elif opcode == HEADER:
-        if _string(body, _string(body, 0)[1])[1] != len(body):
+        if string_of(body, string_of(body, 0)[1])[1] != len(body):
             raise LogError("file header damaged")
     else:
         raise LogError(f"record at byte {at} has opcode {opcode}, which our logs never hold there")
@@ -213,7 +213,7 @@ def chunk_head(body: memoryview) -> tuple[int, int, int]:
 
 def messages_inside(inside: memoryview, contents: Contents) -> Iterator[RawMessage]:
     channels = contents.channels
-    for opcode, body, _ in _records(inside, 0, len(inside)):
+    for opcode, body, _ in records(inside, 0, len(inside)):
         if opcode == MESSAGE:
             channel, number, log_time_ns, _ = _MESSAGE.unpack_from(body)
             if channel not in channels:
@@ -237,32 +237,37 @@ def _take_expected(channel: int, contents: Contents) -> None:
     contents.channels.update(expected)
 
 
-def _string(body: memoryview, at: int) -> tuple[str, int]:
+def string_of(body: memoryview, at: int) -> tuple[str, int]:
     (length,) = struct.unpack_from("<I", body, at)
     if at + 4 + length > len(body):
         raise LogError("string is longer than its record")
     return bytes(body[at + 4 : at + 4 + length]).decode(), at + 4 + length
 
 
-def _pairs(body: memoryview, at: int) -> dict[str, str]:
+def pairs_of(body: memoryview, at: int) -> dict[str, str]:
     (length,) = struct.unpack_from("<I", body, at)
     at, end = at + 4, at + 4 + length
     if end != len(body):
         raise LogError("key-value pairs are not as long as their record")
     pairs: dict[str, str] = {}
     while at < end:
-        key, at = _string(body, at)
-        pairs[key], at = _string(body, at)
+        key, at = string_of(body, at)
+        pairs[key], at = string_of(body, at)
     return pairs
 
 
-def _metadata(body: memoryview, at: int, contents: Contents) -> None:
-    """MCAP has no checksum for metadata; ours carry one."""
-    name, behind = _string(body, 0)
-    pairs = _pairs(body, behind)
+def metadata_of(body: memoryview, at: int) -> tuple[str, dict[str, str]]:
+    """Name and pairs of the metadata at byte `at`. MCAP has no checksum for them; ours carry one."""
+    name, behind = string_of(body, 0)
+    pairs = pairs_of(body, behind)
     crc = pairs.pop("crc32", None)
     if crc is not None and crc != facts_crc32(pairs):
         raise LogError(f"metadata {name} at byte {at}: wrong checksum")
+    return name, pairs
+
+
+def _metadata(body: memoryview, at: int, contents: Contents) -> None:
+    name, pairs = metadata_of(body, at)
     if name == RUN_METADATA:
         contents.manifest.update(pairs)
     elif name == END_METADATA:
@@ -273,8 +278,8 @@ def _metadata(body: memoryview, at: int, contents: Contents) -> None:
 
 def _attachment(body: memoryview, at: int, contents: Contents) -> None:
     try:
-        name, behind = _string(body, 16)
-        _, behind = _string(body, behind)
+        name, behind = string_of(body, 16)
+        _, behind = string_of(body, behind)
         (length,) = struct.unpack_from("<Q", body, behind)
         if length != len(body) - behind - 12 or zlib.crc32(body[:-4]) != struct.unpack("<I", body[-4:])[0]:
             raise LogError("wrong length or checksum")
@@ -285,14 +290,14 @@ def _attachment(body: memoryview, at: int, contents: Contents) -> None:
 
 def _schema(body: memoryview, contents: Contents) -> None:
     (number,) = struct.unpack_from("<H", body)
-    name, at = _string(body, 2)
-    _, at = _string(body, at)
+    name, at = string_of(body, 2)
+    _, at = string_of(body, at)
     contents.schemas[number] = name, bytes(body[at + 4 :])
 
 
 def _channel(body: memoryview, contents: Contents) -> None:
     number, schema = struct.unpack_from("<HH", body)
-    topic, at = _string(body, 4)
-    _, at = _string(body, at)
+    topic, at = string_of(body, 4)
+    _, at = string_of(body, at)
     name, definition = contents.schemas[schema]
-    contents.channels[number] = ChannelSpec(topic, name, definition, tuple(_pairs(body, at).items()))
+    contents.channels[number] = ChannelSpec(topic, name, definition, tuple(pairs_of(body, at).items()))
