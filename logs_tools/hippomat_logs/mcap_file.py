@@ -26,6 +26,7 @@ from hippomat_logs.mcap_writer import (
     FOOTER,
     MAGIC,
     MESSAGE,
+    MESSAGE_INDEX,
     METADATA_INDEX,
     SCHEMA,
     STATISTICS,
@@ -197,8 +198,23 @@ def _read_summary(file: McapFile, data: memoryview, start: int, end: int) -> Non
             name, pairs = metadata_of(data[offset + 9 : offset + length], offset)
             file.metadata[name] = pairs
     if file.counts is None and file.chunks:
+        file.counts = _counted(file, data)
         file.start_ns = min(chunk.start_ns for chunk in file.chunks)
         file.end_ns = max(chunk.end_ns for chunk in file.chunks)
+
+
+def _counted(file: McapFile, data: memoryview) -> dict[int, int] | None:
+    """Messages by channel from the message indexes behind the chunks; None where a chunk has none."""
+    counts = dict.fromkeys(file.channels, 0)
+    for chunk in file.chunks:
+        if not chunk.channels:
+            return None
+        for opcode, body, _ in records(data, chunk.offset + chunk.length, len(data)):
+            if opcode != MESSAGE_INDEX:
+                break
+            channel, length = struct.unpack_from("<HI", body)
+            counts[channel] = counts.get(channel, 0) + length // 16
+    return counts
 
 
 def _scan(file: McapFile, data: memoryview) -> None:

@@ -167,12 +167,17 @@ def open_run(paths: Path | str | Sequence[Path | str]) -> OpenedRun:
 def group_runs(paths: Path | str | Sequence[Path | str]) -> list[OpenedRun]:
     """All runs in these files and directories: our parts by robot and session, any other file alone."""
     given = [paths] if isinstance(paths, (str, Path)) else paths
+    files = dict.fromkeys(file for one in given for file in log_files(Path(one)))
+    return group_opened([open_source(path) for path in files])
+
+
+def group_opened(opened: Iterable[Source]) -> list[OpenedRun]:
+    """The same of sources that are open."""
     groups: dict[tuple[str, ...], list[Source]] = {}
-    for path in dict.fromkeys(file for one in given for file in log_files(Path(one))):
-        source = open_source(path)
+    for source in opened:
         manifest = manifest_of(source)
         session = manifest.get("session_id")
-        key = (manifest.get("robot", ""), session) if session else (str(path),)
+        key = (manifest.get("robot", ""), session) if session else (str(source.path),)
         groups.setdefault(key, []).append(source)
     for sources in groups.values():
         sources.sort(key=lambda source: int(manifest_of(source).get("part", "0")))
