@@ -8,20 +8,20 @@ CDR: OMG DDS-XTypes 1.3, 7.4.1 (XCDR1, plain); definitions as rosbags parses the
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import Typesdict
 
 from hippomat_core.errors import LogError
 
 HEAD_BYTES = 4  # encapsulation: the second byte tells the byte order
 DTYPES = {"bool": "?", "byte": "i1", "char": "u1", "octet": "u1"}  # as rosbags has them
 _EMPTY = "structure_needs_at_least_one_member"  # what IDL makes of a message without fields
-Types = Mapping[str, tuple[Any, Sequence[tuple[str, Any]]]]  # message name -> constants, fields
 ONE, FIXED, COUNTED = -1, 0, 1  # a single value; an array of a known length; a sequence
 
 
@@ -37,13 +37,13 @@ class Field:
     fields: tuple[Field, ...] = ()
 
 
-def fields_of_type(types: Types, name: str) -> tuple[Field, ...]:
+def fields_of_type(types: Typesdict, name: str) -> tuple[Field, ...]:
     """The fields of a message type; raises LogError for what CDR columns cannot hold."""
     fields = tuple(_field(types, name, key, desc) for key, desc in types[name][1])
     return fields or (Field(_EMPTY, ONE, 0, "u1"),)
 
 
-def _field(types: Types, owner: str, name: str, desc: Any) -> Field:
+def _field(types: Typesdict, owner: str, name: str, desc: Any) -> Field:
     kind, content = desc
     many, length = ONE, 0
     if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):

@@ -16,16 +16,19 @@ from typing import Any
 from rich.console import Console
 
 from hippomat_core.errors import HippomatError
-from hippomat_logs.commands import doctor, info
+from hippomat_logs.commands import convert, doctor, info, select
 from hippomat_logs.metrics import FleetMetrics, run_metrics
 from hippomat_logs.recovery import recover
 from hippomat_logs.replay_cli import Parser
 from hippomat_logs.report import REPRODUCED
 from hippomat_logs.tables import fleet_lines, metrics_table
 
-_COMMANDS: tuple[tuple[str, Any, str], ...] = (
-    ("info", info, "what logs hold, by their indexes"),
-    ("doctor", doctor, "read every byte and name every fault"),
+_COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] = (
+    ("info", info.add_options, info.run, "what logs hold, by their indexes"),
+    ("doctor", doctor.add_options, doctor.run, "read every byte and name every fault"),
+    ("filter", select.add_filter_options, select.run_filter, "some topics, times or robots as a new log"),
+    ("merge", select.add_merge_options, select.run_merge, "several logs as one"),
+    ("convert", convert.add_options, convert.run, "between .mcap, ROS 1 .bag and ROS 2 bags"),
 )
 
 
@@ -61,8 +64,8 @@ def parser() -> Parser:
         command.set_defaults(run=run)
         return command
 
-    for name, module, text in _COMMANDS:
-        module.add_options(add(name, text, module.run))
+    for name, add_options, run, text in _COMMANDS:
+        add_options(add(name, text, run))
     metrics = add("metrics", "tasks, travel cost, conflicts, allocation time, frames", _metrics)
     metrics.add_argument(
         "paths", nargs="+", type=Path, metavar="LOG", help="logs of one fleet, or directories"

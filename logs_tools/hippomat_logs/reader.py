@@ -227,6 +227,8 @@ def read_contents(path: Path, store: MessageStore) -> tuple[Contents, int]:
     """
     contents = Contents()
     records = sum(raw.topic in CLASSES for raw in read_raw(path, contents))
+    if selection := contents.manifest.get("selection"):
+        raise LogError(f"{path}: is a selection of a run ({selection}): this needs the whole run")
     for channel in contents.channels.values():
         ours = channel.topic in CLASSES and store.schema_text(channel.type_name)
         if ours and ours != channel.definition:

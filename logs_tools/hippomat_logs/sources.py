@@ -17,10 +17,11 @@ from typing import Any, Protocol
 
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from hippomat_core.errors import HippomatError, LogError
-from hippomat_logs.cdr_layout import Field, Types, fields_of_type
+from hippomat_logs.cdr_layout import Field, fields_of_type
 from hippomat_logs.mcap_file import Channel, McapFile, RawRow, open_mcap
 from hippomat_logs.sink import ACTIVE
 
@@ -40,7 +41,7 @@ class Stream:
     idl: bool = False  # the definition is OMG IDL
 
     @cached_property
-    def types(self) -> Types:
+    def types(self) -> Typesdict:
         """Everything the definition defines; LogError naming the channel where it cannot be parsed."""
         try:
             return _parsed(self.definition, self.type_name, self.idl)
@@ -59,7 +60,7 @@ class Stream:
 
 
 @cache
-def _parsed(definition: str, type_name: str, idl: bool) -> Types:
+def _parsed(definition: str, type_name: str, idl: bool) -> Typesdict:
     """A hundred files of one kind are parsed once."""
     return get_types_from_idl(definition) if idl else get_types_from_msg(definition, type_name)
 
