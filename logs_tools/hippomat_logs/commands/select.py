@@ -27,8 +27,8 @@ def add_filter_options(parser: argparse.ArgumentParser) -> None:
         metavar="OUT",
         help="a new .mcap; for several runs a directory",
     )
-    add("--topics", type=_words, default=(), metavar="T,...", help="only these; patterns with * and ?")
-    add("--exclude", type=_words, default=(), metavar="T,...", help="all but these")
+    add("--topics", type=words, default=(), metavar="T,...", help="only these; patterns with * and ?")
+    add("--exclude", type=words, default=(), metavar="T,...", help="all but these")
     add("--from", dest="start_s", type=float, default=0.0, metavar="S", help="seconds since the run's start")
     add("--to", dest="stop_s", type=float, default=float("inf"), metavar="S", help="until these seconds")
     add("--robots", type=_numbers, metavar="ID,...", help="only runs of these robots")
@@ -81,7 +81,7 @@ def run_merge(options: argparse.Namespace, console: Console) -> int:
     return REPRODUCED
 
 
-def _words(text: str) -> tuple[str, ...]:
+def words(text: str) -> tuple[str, ...]:
     return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
