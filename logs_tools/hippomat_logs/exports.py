@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,8 @@ def export_csv(run: OpenedRun, topic: str, directory: Path) -> list[Path]:
 
 def _cells(name: str, column: NDArray[Any], first_row: int) -> list[Any]:
     if name == ROW:
-        return (column + first_row).tolist()
+        rows: list[Any] = (column + first_row).tolist()
+        return rows
     if column.dtype == object:
         return [json.dumps(_plain(value)) if not isinstance(value, str) else value for value in column]
     cells: list[Any] = column.tolist()
@@ -111,13 +113,18 @@ def _arrow(arrow: Any, column: NDArray[Any]) -> Any:
 
 
 def _flat(run: OpenedRun, topic: str) -> Iterator[tuple[Table, int]]:
-    """All tables of a topic, batch by batch; with each the number of outer rows before its batch."""
-    before = 0
+    """All tables of a topic, batch by batch; with each the rows that its outer table had before this batch."""
+    done: Counter[str] = Counter()
     for batch in run.batches(topic):
-        for table in batch.tables():
-            # rows of a child count its parent's rows; only a topic's own children have parents that go on
-            yield table, before if table.name.count(".") <= 1 else 0
-        before += len(batch)
+        yield batch, 0
+        yield from _below(batch, done)
+        done.update({table.name: len(table) for table in batch.tables()})
+
+
+def _below(outer: Table, done: Counter[str]) -> Iterator[tuple[Table, int]]:
+    for child in outer.children.values():
+        yield child, done[outer.name]
+        yield from _below(child, done)
 
 
 # ---- trajectories ----

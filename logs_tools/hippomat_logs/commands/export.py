@@ -50,7 +50,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 def _export(opened: OpenedRun, options: argparse.Namespace, directory: Path, console: Console) -> int:
     if options.format == "files":
-        for path in export_attachments(opened, directory):
+        for path in export_attachments(opened, directory) or [f"{opened.name} carries no files"]:
             console.print(str(path), markup=False)
         return REPRODUCED
     topics = _topics(opened, options)
