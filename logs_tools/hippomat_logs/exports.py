@@ -113,7 +113,7 @@ def _arrow(arrow: Any, column: NDArray[Any]) -> Any:
 
 
 def _flat(run: OpenedRun, topic: str) -> Iterator[tuple[Table, int]]:
-    """All tables of a topic, batch by batch; with each the rows that its outer table had before this batch."""
+    """All tables of a topic, batch by batch; with each the rows that its outer table had before."""
     done: Counter[str] = Counter()
     for batch in run.batches(topic):
         yield batch, 0

@@ -50,8 +50,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 def _export(opened: OpenedRun, options: argparse.Namespace, directory: Path, console: Console) -> int:
     if options.format == "files":
-        for path in export_attachments(opened, directory) or [f"{opened.name} carries no files"]:
-            console.print(str(path), markup=False)
+        written = list(map(str, export_attachments(opened, directory)))
+        for line in written or [f"{opened.name} carries no files"]:
+            console.print(line, markup=False)
         return REPRODUCED
     topics = _topics(opened, options)
     code = REPRODUCED
