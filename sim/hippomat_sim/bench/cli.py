@@ -21,6 +21,8 @@ examples:
   hippomat-bench radio --faults --seconds 3600 --no-plain --plot agreement.png
   hippomat-bench tables --out build/tables --resume
   hippomat-bench tables --only fixed --methods graphsage,greedy --agents 5,10 --episodes 200
+  hippomat-bench logs runs/robot03_*.mcap
+  hippomat-bench logs --large
 """
 _RADIO = """\
 Simulates the firmware's own radio cores on a medium with carrier sense, hidden stations and
@@ -30,6 +32,10 @@ _TABLES = """\
 Compares every way to allocate on the same frozen problems: the paper's four tables beside its own
 values, fixed and continuous tasks, what learning adds, losses, larger fleets, permuted slots. Writes
 Markdown, CSV, JSON and pictures; what was measured stays in a file, and --resume goes on from there."""
+_LOGS = """\
+Decodes every message of a log with our reader, rosbags, mcap and mcap_ros2, each in a process of its
+own; records as a robot of ten does, in real time beside a loop that works; and, with --large,
+summarises a log of gigabytes."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -43,7 +49,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _main(arguments: Sequence[str] | None) -> int:
-    from hippomat_sim.bench import radio_command, tables_command  # here: guarded() names a missing package
+    from hippomat_sim.bench import (
+        logs_command,
+        radio_command,
+        tables_command,
+    )  # here: guarded() names a missing package
 
     parser = _Parser(
         prog="hippomat-bench",
@@ -51,7 +61,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="radio | tables")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="radio | tables | logs")
     radio = commands.add_parser(
         "radio",
         help="delivery, fleet time, snapshots and STOP of a fleet of radios",
@@ -70,6 +80,15 @@ def _main(arguments: Sequence[str] | None) -> int:
     )
     tables_command.add_options(tables)
     tables.set_defaults(run=tables_command.run)
+    logs = commands.add_parser(
+        "logs",
+        help="reading logs beside other readers, what recording costs",
+        description=_LOGS,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    logs_command.add_options(logs)
+    logs.set_defaults(run=logs_command.run)
     options = parser.parse_args(arguments)
     try:
         return int(options.run(options))
