@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         print(f"error: {error.filename or 'output'}: {error.strerror or error}", file=sys.stderr)
         return 1
-    except (KeyboardInterrupt, BufferError):  # the second where the first strikes inside a memory map
+    except KeyboardInterrupt:
         print("hippomat-logs: interrupted", file=sys.stderr)
         return 1
 

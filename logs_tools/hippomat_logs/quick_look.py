@@ -24,6 +24,7 @@ CORE_POSE, DRIVE, DECIDED = (
 )
 MAP, BATTERY = "nav_msgs/msg/OccupancyGrid", "sensor_msgs/msg/BatteryState"
 INCHES, DPI = (11.0, 7.0), 110
+NEVER_HEARD_MS = 65_535
 MOST_DRAWN = 300_000  # points; more only make the picture slow
 
 
@@ -139,7 +140,7 @@ def _battery(axes: Any, run: OpenedRun, topic: str) -> None:
 
 
 def _rounds(axes: Any, run: OpenedRun) -> None:
-    """Which slot was asked for, and how old the oldest row was that the decision used."""
+    """Which slot was asked for, and how old the oldest row was that was known."""
     table = run.table(DECIDED)
     seconds = _seconds(run, table[TIME])
     action = table["action"].astype(np.int64)
@@ -147,13 +148,12 @@ def _rounds(axes: Any, run: OpenedRun) -> None:
     axes.plot(seconds[asked], action[asked] - 1, ".", color="tab:blue", markersize=4, label="slot requested")
     axes.set(xlabel="time [s]", ylabel="task slot", title=f"rounds: {len(table)}, requests: {asked.sum()}")
     axes.set(xlim=(0.0, max(1e-3, float(seconds[-1]))), ylim=(-0.5, max(1, action.max(initial=0)) - 0.5))
-    available = (
-        np.asarray(a[b > 0]) for a, b in zip(table["row_age_ms"], table["row_available"], strict=True)
-    )
-    oldest_s = [ages.max() / 1e3 if len(ages) else np.nan for ages in available]
+    heard = (ages[ages < NEVER_HEARD_MS] for ages in table["row_age_ms"])
+    oldest_s = [ages.max() / 1e3 if len(ages) else np.nan for ages in heard]
+    axes.yaxis.get_major_locator().set_params(integer=True)
     age = axes.twinx()
     age.plot(seconds, oldest_s, color="tab:gray", linewidth=0.7, alpha=0.8)
-    age.set_ylabel("oldest row in use [s]", color="tab:gray")
+    age.set_ylabel("oldest row [s]", color="tab:gray")
     axes.legend(loc="upper right", fontsize="small")
 
 

@@ -6,6 +6,7 @@ version recorded with other definitions.
 
 from __future__ import annotations
 
+import contextlib
 import mmap
 import zlib
 from collections.abc import Collection, Iterator, Sequence
@@ -44,8 +45,12 @@ def mapped(path: Path) -> Iterator[memoryview]:
     with file:
         if path.stat().st_size == 0:
             raise LogError(f"{path}: is empty; nothing was recorded in it")
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as map_, memoryview(map_) as view:
-            yield view
+        map_ = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        try:
+            yield memoryview(map_)
+        finally:
+            with contextlib.suppress(BufferError):  # slices of it that are left over go with the last of them
+                map_.close()
 
 
 def read_raw(path: Path, contents: Contents) -> Iterator[RawMessage]:
