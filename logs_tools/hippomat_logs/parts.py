@@ -7,7 +7,7 @@ and what cannot be kept is named by a drop record as soon as there is room again
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from hippomat_logs.part import END_METADATA, PartWriter, our_channels
 from hippomat_logs.records import DropRecord
@@ -18,8 +18,7 @@ RETRY_S = 1.0
 MAX_PARTS = 1000
 
 
-@dataclass(frozen=True, slots=True)
-class Encoded:
+class Encoded(NamedTuple):
     """A message ready for the file; `derived` ones repeat their source's number and are not counted."""
 
     topic: str

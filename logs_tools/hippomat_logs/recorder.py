@@ -142,20 +142,27 @@ class Recorder:
     def _put(self, stamp_ns: int, record: Any) -> None:
         number = self._next
         self._next = number + 1
-        waiting = len(self._queue)
-        if waiting >= self._limit // 2 and not self._lossless:
-            if waiting >= self._limit:
-                self._dropped += 1
-                self._drop(number, _FULL)
+        if self._dropping is not None or len(self._queue) >= self._limit // 2:
+            if not self._takes(number, record):
                 return
-            if is_bulk(record):
-                self._shed_queue += 1
-                self._drop(number, _FILLING)
-                return
-        while len(self._queue) >= self._limit and self._thread.is_alive():
-            time.sleep(0.002)
-        self._end_drop(number)
+            self._end_drop(number)
         self._queue.append((number, stamp_ns + self._offset_ns, record))
+
+    def _takes(self, number: int, record: Any) -> bool:
+        """Is there room in a queue that is half full or more? If not, the record is counted."""
+        waiting = len(self._queue)
+        if self._lossless:
+            while len(self._queue) >= self._limit and self._thread.is_alive():
+                time.sleep(0.002)
+        elif waiting >= self._limit:
+            self._dropped += 1
+            self._drop(number, _FULL)
+            return False
+        elif waiting >= self._limit // 2 and is_bulk(record):
+            self._shed_queue += 1
+            self._drop(number, _FILLING)
+            return False
+        return True
 
     def _drop(self, number: int, cause: str) -> None:
         if self._dropping is not None and self._dropping[1] != cause:
@@ -215,7 +222,8 @@ class Recorder:
         except Exception as error:  # a wrong value must cost that record, not the run
             encoded = self._lost_for(number, log_time_ns, record, error)
         self._series.add(encoded, now_s)
-        if self._level < NO_VIEWS and len(self._queue) < max(1, self._limit // 4):  # views are shed first
+        hurried = not self._lossless and len(self._queue) > self._limit // 4
+        if self._level < NO_VIEWS and not hurried:  # views are shed first
             for topic, data in self._views(record, log_time_ns):
                 self._series.add(Encoded(topic, number, log_time_ns, data, derived=True), now_s)
 

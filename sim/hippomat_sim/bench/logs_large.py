@@ -5,7 +5,6 @@ Run as a module it is the process that is measured: COMMAND FILE -> peak memory 
 
 from __future__ import annotations
 
-import resource
 import subprocess
 import sys
 import tempfile
@@ -18,6 +17,7 @@ import numpy as np
 from hippomat_core.errors import HippomatError
 from hippomat_core.messages import BASE
 from hippomat_logs.disk_space import free_bytes
+from hippomat_sim.bench.logs_readers import peak_memory_mib
 from hippomat_sim.bench.logs_stream import START_NS, new_recorder
 
 COMMANDS = ("info", "doctor")
@@ -84,7 +84,7 @@ def _main() -> None:
 
     with redirect_stdout(StringIO()):
         main(sys.argv[1:])
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    print(peak_memory_mib())
 
 
 if __name__ == "__main__":
