@@ -32,7 +32,7 @@ class FieldSpec(NamedTuple):
 
 
 def make_encoder(fields: Iterable[FieldSpec]) -> Encoder:
-    """A function from a record with these attributes to its bytes; struct.error or ValueError if it cannot."""
+    """A function from a record with these attributes to its bytes; struct.error, ValueError: it cannot."""
     source = _Source()
     source.fields("r", fields)
     source.end_run()

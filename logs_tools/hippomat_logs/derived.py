@@ -13,11 +13,29 @@ import numpy as np
 
 from hippomat_core import messages as m
 from hippomat_core.config import Config
+from hippomat_logs.cdr_template import Template
 from hippomat_logs.schema import DERIVED, MessageStore
 
 SCAN_BINS = 360
 _ROS_LEVELS = {m.INFO: 20, m.WARNING: 30, m.ERROR: 40}
 Pose = tuple[float, float, float]
+_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+_TF_PATHS = tuple(
+    f"transforms[{k}].{path}"
+    for k in (0, 1)
+    for path in (
+        *_STAMP,
+        *(f"transform.translation.{axis}" for axis in "xy"),
+        *(f"transform.rotation.{axis}" for axis in "zw"),
+    )
+)
+_ODOMETRY_PATHS = (
+    *_STAMP,
+    *(f"pose.pose.position.{axis}" for axis in "xy"),
+    *(f"pose.pose.orientation.{axis}" for axis in "zw"),
+    "twist.twist.linear.x",
+    "twist.twist.angular.z",
+)
 
 
 class DerivedTopics:
@@ -30,10 +48,10 @@ class DerivedTopics:
         self._odom: Pose = (0.0, 0.0, 0.0)
         self._map: m.MapReceived | None = None
         origin = (0.0, 0.0, 0.0)
-        # kept and changed in place: building these messages anew costs ten times as much as encoding them
+        # templates: building these messages anew for every pose costs thirty times as much
         links = [self._transform(0, "map", "odom", origin), self._transform(0, "odom", "base_link", origin)]
-        self._tf = self._new(DERIVED["/tf"], transforms=links)
-        self._odometry = self._new_odometry()
+        self._tf = self._template("/tf", self._new(DERIVED["/tf"], transforms=links), _TF_PATHS)
+        self._odometry = self._template("/odom", self._new_odometry(), _ODOMETRY_PATHS)
         self._views: dict[type, Callable[[Any, int], Iterable[tuple[str, bytes]]]] = {
             m.PoseEstimated: self._pose,
             m.BaseFeedback: self._integrate,
@@ -61,20 +79,12 @@ class DerivedTopics:
         self._odom = (x + c * dx - s * dy, y + s * dx + c * dy, yaw + dyaw)
         return ()
 
-    def _pose(self, pose: m.PoseEstimated, t: int) -> Iterator[tuple[str, bytes]]:
-        in_map, in_odom = (pose.x_m, pose.y_m, pose.yaw_rad), self._odom
-        for link, offset in zip(
-            self._tf.transforms, (_compose(in_map, _inverse(in_odom)), in_odom), strict=True
-        ):
-            _set_time(link.header, t)
-            _set_pose(link.transform.translation, link.transform.rotation, offset)
-        yield "/tf", self._store.encode_standard(self._tf, DERIVED["/tf"])
-        odometry = self._odometry
-        _set_time(odometry.header, t)
-        _set_pose(odometry.pose.pose.position, odometry.pose.pose.orientation, in_odom)
-        odometry.twist.twist.linear.x = pose.v_mps
-        odometry.twist.twist.angular.z = pose.wz_radps
-        yield "/odom", self._store.encode_standard(odometry, DERIVED["/odom"])
+    def _pose(self, pose: m.PoseEstimated, t: int) -> Iterable[tuple[str, bytes]]:
+        stamp, in_odom = divmod(t, 10**9), self._odom
+        map_to_odom = _compose((pose.x_m, pose.y_m, pose.yaw_rad), _inverse(in_odom))
+        links = (*stamp, *_planar(map_to_odom), *stamp, *_planar(in_odom))
+        odometry = (*stamp, *_planar(in_odom), pose.v_mps, pose.wz_radps)
+        return ("/tf", self._tf.fill(*links)), ("/odom", self._odometry.fill(*odometry))
 
     def _new_odometry(self) -> Any:
         zero, still = np.zeros(36), self._xyz(0.0, 0.0, 0.0)
@@ -145,6 +155,10 @@ class DerivedTopics:
 
     # ---- building blocks ----
 
+    def _template(self, topic: str, message: Any, paths: tuple[str, ...]) -> Template:
+        name = DERIVED[topic]
+        return Template(self._store.fields(name), self._store.encode_standard(message, name), paths)
+
     def _new(self, kind: str, /, *values: Any, **fields: Any) -> Any:
         return self._store.standard(kind)(*values, **fields)
 
@@ -185,10 +199,7 @@ def _inverse(a: Pose) -> Pose:
     return -(c * a[0] + s * a[1]), s * a[0] - c * a[1], -a[2]
 
 
-def _set_time(header: Any, t: int) -> None:
-    header.stamp.sec, header.stamp.nanosec = divmod(t, 10**9)
-
-
-def _set_pose(position: Any, orientation: Any, pose: Pose) -> None:
-    position.x, position.y, yaw = pose
-    orientation.z, orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+def _planar(pose: Pose) -> tuple[float, float, float, float]:
+    """x, y, and z and w of the quaternion."""
+    x, y, yaw = pose
+    return x, y, math.sin(yaw / 2), math.cos(yaw / 2)

@@ -30,7 +30,7 @@ from hippomat_logs.schema import TOPICS, MessageStore
 from hippomat_logs.sink import SinkOpener, file_sinks
 
 SYNC_S = 0.4  # a plug that is pulled costs so much, and what the disk takes for one sync
-WAKE_S = 0.1
+LOSSLESS_WAKE_S = 0.01  # somebody may be waiting for room in the queue; otherwise the writer wakes to sync
 QUEUE_RECORDS = 8192
 BATCH_RECORDS = 20  # encoded in one go: the control loop's thread must not wait long for the interpreter
 YIELD_S = 1e-4
@@ -189,8 +189,9 @@ class Recorder:
     def _write_and_flush(self) -> None:
         due_s = time.monotonic() + SYNC_S
         while True:
-            closing = self._closing.wait(max(0.0, min(WAKE_S, due_s - time.monotonic())))
-            self._drain(due_s)
+            wait_s = LOSSLESS_WAKE_S if self._lossless else due_s - time.monotonic()
+            closing = self._closing.wait(max(0.0, wait_s))
+            self._drain()
             if (now_s := time.monotonic()) >= due_s:
                 self._series.flush(now_s)
                 self._worst_sync_s = max(self._worst_sync_s, time.monotonic() - now_s)
@@ -204,10 +205,14 @@ class Recorder:
             time.monotonic(), {"worst_sync_ms": f"{1e3 * self._worst_sync_s:.0f}", "shed": str(shed)}
         )
 
-    def _drain(self, until_s: float) -> None:
-        while self._queue and (now_s := time.monotonic()) < until_s:
-            for _ in range(min(BATCH_RECORDS, len(self._queue))):
+    def _drain(self) -> None:
+        """What was there when it began: a queue that fills faster must not keep the rest from the disk."""
+        waiting = len(self._queue)
+        while waiting > 0:
+            now_s = time.monotonic()
+            for _ in range(min(BATCH_RECORDS, waiting)):
                 self._write(*self._queue.popleft(), now_s)
+            waiting -= BATCH_RECORDS
             if not self._lossless and not self._closing.is_set():
                 time.sleep(YIELD_S)
 

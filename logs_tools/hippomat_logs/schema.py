@@ -17,6 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hippomat_core import messages
 from hippomat_logs.cdr_encoder import FieldSpec, make_encoder
+from hippomat_logs.cdr_layout import Field, fields_of_type
 from hippomat_logs.records import DropRecord, SerialRecord, TimingRecord
 
 PACKAGE = "hippomat_msgs"
@@ -143,6 +144,10 @@ class MessageStore:
     def standard(self, name: str) -> Any:
         """Class of a standard ROS message, e.g. sensor_msgs/msg/LaserScan."""
         return self._types.types[name]
+
+    def fields(self, name: str) -> tuple[Field, ...]:
+        """The fields of a message by its ROS name."""
+        return fields_of_type(self._types.fielddefs, name)
 
     def schema_text(self, name: str) -> bytes:
         """Concatenated ros2msg definition for a reader that knows only the file."""

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from hippomat_sim.bench.logs_stream import START_NS, Step, Stream, give, new_recorder
+from hippomat_sim.bench.logs_stream import START_NS, Call, Stream, call_of, new_recorder
 
 WORK = 3000  # additions, about 0.15 ms
 
@@ -56,10 +56,12 @@ def measure_recorder(
 ) -> RecorderFigures:
     """Real time: takes twice `seconds`."""
     steps = [step for second in range(seconds) for step in Stream().steps(second)]
-    without = _loop(steps, lambda _: None, progress, 0.0)
+    idle = [(step[0], _nothing, (step,)) for step in steps]
+    without = _loop(idle, progress, 0.0)
     with tempfile.TemporaryDirectory(prefix="hippomat-bench-") as directory:
         recorder = new_recorder(Path(directory))
-        with_recorder = _loop(steps, lambda step: give(recorder, step), progress, float(seconds))
+        calls = [call_of(recorder, step) for step in steps]
+        with_recorder = _loop(calls, progress, float(seconds))
         status = recorder.close()
     return RecorderFigures(
         seconds=float(seconds),
@@ -74,27 +76,28 @@ def measure_recorder(
     )
 
 
-def _loop(
-    steps: list[Step], record: Callable[[Step], None], progress: Callable[[float], None], done_s: float
-) -> _Loop:
+def _nothing(_: object) -> None: ...
+
+
+def _loop(calls: Sequence[Call], progress: Callable[[float], None], done_s: float) -> _Loop:
     work_s: list[float] = []
     calls_s = longest_s = 0.0
     process_s, thread_s = time.process_time(), time.thread_time()
     begun_s = time.perf_counter()
-    for index, step in enumerate(steps):
-        due_s = begun_s + (step[0] - START_NS) / 1e9
+    for index, (at_ns, call, arguments) in enumerate(calls):
+        due_s = begun_s + (at_ns - START_NS) / 1e9
         pause_s = due_s - time.perf_counter()
         if pause_s > 0:
             time.sleep(pause_s)
         before_s = time.perf_counter()
-        record(step)
+        call(*arguments)
         call_s = time.perf_counter() - before_s
         calls_s, longest_s = calls_s + call_s, max(longest_s, call_s)
         before_s = time.perf_counter()
         _work()
         work_s.append(time.perf_counter() - before_s)
         if index % 500 == 0:
-            progress(done_s + (step[0] - START_NS) / 1e9)
+            progress(done_s + (at_ns - START_NS) / 1e9)
     cpu_s = (time.process_time() - process_s) - (time.thread_time() - thread_s)
     return _Loop(cpu_s, calls_s, longest_s, work_s)
 

@@ -6,7 +6,7 @@ Decides the mix; the values are random. The same seed makes the same stream.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -109,17 +109,20 @@ def new_recorder(directory: Path, lossless: bool = False) -> Recorder:
     return Recorder(directory, manifest, config=CONFIG, wall_ns=WALL_NS, stamp_ns=START_NS, lossless=lossless)
 
 
-def give(recorder: Recorder, step: Step) -> None:
+Call = tuple[int, Callable[..., None], tuple[Any, ...]]  # due, what to call, with what
+
+
+def call_of(recorder: Recorder, step: Step) -> Call:
+    """The call to the recorder that a step is."""
     stamp_ns, what, content = step
     if what == "event":
-        recorder.event(content)
-    elif what == "effect":
-        recorder.effect(stamp_ns, content)
-    elif what == SERIAL:
+        return stamp_ns, recorder.event, (content,)
+    if what == "effect":
+        return stamp_ns, recorder.effect, (stamp_ns, content)
+    if what == SERIAL:
         port, direction, data = content
-        recorder.serial(stamp_ns, port, direction, 1, data)
-    else:
-        recorder.timing(stamp_ns, content, 0)
+        return stamp_ns, recorder.serial, (stamp_ns, port, direction, 1, data)
+    return stamp_ns, recorder.timing, (stamp_ns, content, 0)
 
 
 def record(directory: Path, seconds: int, seed: int = 1) -> Path:
@@ -127,6 +130,7 @@ def record(directory: Path, seconds: int, seed: int = 1) -> Path:
     recorder, stream = new_recorder(directory, lossless=True), Stream(seed)
     for second in range(seconds):
         for step in stream.steps(second):
-            give(recorder, step)
+            _, call, arguments = call_of(recorder, step)
+            call(*arguments)
     status = recorder.close(timeout_s=600.0)
     return directory / status.file
