@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hippomat_core.config import Config
 from hippomat_core.messages import Effect, Event
@@ -48,6 +48,20 @@ class RecorderStatus:
     problem: str
     file: str
     shed: int = 0
+
+
+class _Moved(NamedTuple):
+    """Serial bytes on their way to the writer's thread, which makes a record of them."""
+
+    stamp_ns: int
+    port: int
+    direction: int
+    phase: int
+    data: bytes
+
+    def record(self) -> SerialRecord:
+        stamp_ns, port, direction, phase, data = self
+        return SerialRecord(stamp_ns, port, direction, phase, zlib.crc32(data), data)
 
 
 class Recorder:
@@ -88,7 +102,7 @@ class Recorder:
         self._derived = DerivedTopics(self._store, config)
         self._next = 1
         self._queue: deque[tuple[int, int, Any]] = deque()
-        self._limit = queue_records
+        self._limit, self._half = queue_records, queue_records // 2
         self._lossless = lossless
         self._dropping: tuple[int, str] | None = None  # first of the records that found no room, and why
         self._dropped = 0
@@ -117,7 +131,7 @@ class Recorder:
 
     def serial(self, stamp_ns: int, port: int, direction: int, phase: int, data: bytes) -> None:
         """port: messages.RADIO...; direction 0 from, 1 to the device; phase 0 identification, 1 running."""
-        self._put(stamp_ns, SerialRecord(stamp_ns, port, direction, phase, zlib.crc32(data), bytes(data)))
+        self._put(stamp_ns, _Moved(stamp_ns, port, direction, phase, bytes(data)))
 
     def timing(self, stamp_ns: int, compute_ns: int, lag_ns: int) -> None:
         self._put(stamp_ns, TimingRecord(stamp_ns, compute_ns, max(0, lag_ns)))
@@ -142,7 +156,7 @@ class Recorder:
     def _put(self, stamp_ns: int, record: Any) -> None:
         number = self._next
         self._next = number + 1
-        if self._dropping is not None or len(self._queue) >= self._limit // 2:
+        if self._dropping is not None or len(self._queue) >= self._half:
             if not self._takes(number, record):
                 return
             self._end_drop(number)
@@ -158,7 +172,7 @@ class Recorder:
             self._dropped += 1
             self._drop(number, _FULL)
             return False
-        elif waiting >= self._limit // 2 and is_bulk(record):
+        elif waiting >= self._half and is_bulk(record.record() if type(record) is _Moved else record):
             self._shed_queue += 1
             self._drop(number, _FILLING)
             return False
@@ -217,6 +231,8 @@ class Recorder:
                 time.sleep(YIELD_S)
 
     def _write(self, number: int, log_time_ns: int, record: Any, now_s: float) -> None:
+        if type(record) is _Moved:
+            record = record.record()
         if self._level >= NO_BULK and is_bulk(record):
             self._shed_disk += 1
             self._gap = DropRecord(self._gap.first if self._gap else number, number, _LOW)
