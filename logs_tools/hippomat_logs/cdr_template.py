@@ -6,6 +6,8 @@ import struct
 from collections.abc import Sequence
 from typing import Any
 
+from numpy.typing import NDArray
+
 from hippomat_logs.cdr_layout import ONE, Field, layout_of
 
 
@@ -16,7 +18,12 @@ class Template:
     """
 
     def __init__(self, fields: Sequence[Field], data: bytes, paths: Sequence[str]) -> None:
-        offsets = _offsets(fields, layout_of(fields, data).places, "")
+        places = layout_of(fields, data).places
+        offsets = _offsets(fields, places, "")
+        arrays = (
+            (one, place) for one, place in zip(fields, places, strict=True) if one.many != ONE and one.dtype
+        )
+        self._arrays = {one.name: (place[1], place[0] * int(one.dtype[1:])) for one, place in arrays}
         self._data = bytearray(data)
         self._places: list[tuple[struct.Struct, int]] = []
         at, letters = -1, ""
@@ -30,13 +37,16 @@ class Template:
             letters, at = letters + letter, offset + struct.calcsize("<" + letter)
         self._places.append((struct.Struct("<" + letters), begun))
 
-    def fill(self, *values: float) -> bytes:
-        """values: in the order of the paths."""
+    def fill(self, *values: float, **arrays: NDArray[Any]) -> bytes:
+        """values: in the order of the paths; arrays: by field, with the lengths they had."""
         at = 0
         for packer, offset in self._places:
             count = len(packer.format) - 1
             packer.pack_into(self._data, offset, *values[at : at + count])
             at += count
+        for name, array in arrays.items():
+            offset, size = self._arrays[name]
+            self._data[offset : offset + size] = array.data.cast("B")
         return bytes(self._data)
 
 

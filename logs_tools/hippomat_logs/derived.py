@@ -52,6 +52,9 @@ class DerivedTopics:
         links = [self._transform(0, "map", "odom", origin), self._transform(0, "odom", "base_link", origin)]
         self._tf = self._template("/tf", self._new(DERIVED["/tf"], transforms=links), _TF_PATHS)
         self._odometry = self._template("/odom", self._new_odometry(), _ODOMETRY_PATHS)
+        self._ranges = np.zeros(SCAN_BINS, np.float32)
+        self._intensities = np.zeros(SCAN_BINS, np.float32)
+        self._scans = self._template("/scan", self._new_scan(), _STAMP)
         self._views: dict[type, Callable[[Any, int], Iterable[tuple[str, bytes]]]] = {
             m.PoseEstimated: self._pose,
             m.BaseFeedback: self._integrate,
@@ -99,28 +102,29 @@ class DerivedTopics:
 
     def _scan(self, scan: m.ScanReceived, t: int) -> tuple[str, bytes]:
         """Nearest return per degree; the lidar counts clockwise, ROS counter-clockwise."""
-        ranges = np.full(SCAN_BINS, np.inf, np.float32)
-        intensities = np.zeros(SCAN_BINS, np.float32)
-        hit = np.asarray(scan.distance_q2) > 0
-        angle = np.asarray(scan.angle_q6)[hit].astype(np.int64)
-        bins = (-((angle + 32) // 64)) % SCAN_BINS
-        metres = (np.asarray(scan.distance_q2)[hit] / 4000.0).astype(np.float32)
-        np.minimum.at(ranges, bins, metres)
-        intensities[bins] = np.asarray(scan.quality)[hit]
+        ranges, intensities = self._ranges, self._intensities
+        ranges.fill(np.inf)
+        intensities.fill(0.0)
+        hit = scan.distance_q2 > 0
+        bins = -((scan.angle_q6[hit].astype(np.int32) + 32) // 64) % SCAN_BINS
+        np.minimum.at(ranges, bins, (scan.distance_q2[hit] / 4000.0).astype(np.float32))
+        intensities[bins] = scan.quality[hit]
+        return "/scan", self._scans.fill(*divmod(t, 10**9), ranges=ranges, intensities=intensities)
+
+    def _new_scan(self) -> Any:
         step = 2 * math.pi / SCAN_BINS
-        limits = (self._lidar.min_range_m, self._lidar.max_range_m)
-        return self._encode(
-            "/scan",
-            header=self._header(t, "lidar"),
+        return self._new(
+            DERIVED["/scan"],
+            header=self._header(0, "lidar"),
             angle_min=0.0,
             angle_max=step * (SCAN_BINS - 1),
             angle_increment=step,
             time_increment=0.0,
             scan_time=0.0,
-            range_min=limits[0],
-            range_max=limits[1],
-            ranges=ranges,
-            intensities=intensities,
+            range_min=self._lidar.min_range_m,
+            range_max=self._lidar.max_range_m,
+            ranges=self._ranges,
+            intensities=self._intensities,
         )
 
     def _path(self, path: m.PathPlanned, t: int) -> tuple[str, bytes]:

@@ -18,6 +18,7 @@ MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = 1, 2, 3, 4, 5, 6, 7, 8
 ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET = 9, 10, 11, 12, 13, 14
 DATA_END = 15
+LEVEL = 1  # of zstd: a third faster than its usual 3, files a few per cent larger
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_FIELDS = 22  # bytes between a message's length and its data
@@ -34,7 +35,7 @@ class McapWriter:
 
     def __init__(self, output: Output, profile: str, library: str, chunk_bytes: int) -> None:
         self._output, self._chunk_bytes = output, chunk_bytes
-        self._compressor = zstandard.ZstdCompressor()
+        self._compressor = zstandard.ZstdCompressor(level=LEVEL)
         self._crc = 0
         self._descriptions: list[tuple[int, bytes]] = []  # schemas and channels, for the summary
         self._chunk: list[bytes] = []

@@ -20,6 +20,7 @@ from hippomat_logs.schema import fields_of
 
 PEERS, TASKS = 9, 12
 SECOND_NS = 1_000_000_000
+WAKE_NS = 4_000_000  # the daemon's loop takes what came together (hippomat_host.reactor)
 START_NS, WALL_NS = 5 * SECOND_NS, 1_700_000_000 * SECOND_NS
 CONFIG = Config(
     fleet=FleetConfig(size=PEERS + 1, task_slots=TASKS, allocator="hungarian"),
@@ -83,7 +84,8 @@ class Stream:
 
 
 def _when(index: int, count: int) -> int:
-    return (2 * index + 1) * SECOND_NS // (2 * count)
+    """Evenly, but at the daemon's wake-ups."""
+    return (2 * index + 1) * SECOND_NS // (2 * count) // WAKE_NS * WAKE_NS
 
 
 def _made(kind: type, rng: np.random.Generator, length: int) -> Any:
