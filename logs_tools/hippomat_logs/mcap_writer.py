@@ -81,11 +81,11 @@ class McapWriter:
         return number
 
     def add_message(self, channel: int, sequence: int, log_time_ns: int, data: bytes) -> None:
-        size = _MESSAGE_FIELDS + len(data)
-        self._index[channel] += (log_time_ns, self._chunk_size)
+        size, at = _MESSAGE_FIELDS + len(data), self._chunk_size
+        self._index[channel] += (log_time_ns, at)
         self._chunk += (_MESSAGE.pack(MESSAGE, size, channel, sequence, log_time_ns, log_time_ns), data)
-        self._chunk_size += 9 + size
-        if self._chunk_size >= self._chunk_bytes:
+        self._chunk_size = at = at + 9 + size
+        if at >= self._chunk_bytes:
             self._close_chunk()
 
     def flush(self) -> None:

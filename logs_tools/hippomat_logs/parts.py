@@ -84,7 +84,8 @@ class PartSeries:
         if self._part is None and not self._reopened(record, now_s):
             self._lose([record])
             return
-        self._write(record)
+        self._pending.append(record)
+        self._part.add(*record[:4])  # type: ignore[union-attr]  # _reopened() has made one
 
     def flush(self, now_s: float) -> None:
         """Put the open chunk onto the disk; afterwards rotate if the part is large or old enough."""

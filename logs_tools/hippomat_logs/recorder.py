@@ -237,7 +237,8 @@ class Recorder:
             self._shed_disk += 1
             self._gap = DropRecord(self._gap.first if self._gap else number, number, _LOW)
             return
-        self._end_gap(log_time_ns, now_s)
+        if self._gap is not None:
+            self._end_gap(log_time_ns, now_s)
         try:
             encoded = Encoded(TOPICS[type(record)], number, log_time_ns, self._store.encode(record))
         except Exception as error:  # a wrong value must cost that record, not the run

@@ -13,17 +13,21 @@ from pathlib import Path
 
 import numpy as np
 from log_samples import START_NS, new_recorder
+from mcap.reader import make_reader
 from recorded_run import record_run
+from rosbags.highlevel import AnyReader
 
 from hippomat_core import messages as m
-from hippomat_core.errors import LogError
+from hippomat_core.errors import HippomatError, LogError
+from hippomat_logs import open_run
+from hippomat_logs.column_table import Table
 from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.mcap_writer import CHUNK, MAGIC
 from hippomat_logs.reader import mapped, read_raw, reading_store
 from hippomat_logs.records import DropRecord
 from hippomat_logs.recovery import lenient_contents, recover_active
 from hippomat_logs.schema import TOPICS
-from hippomat_logs.sink import PowerCutSink
+from hippomat_logs.sink import FullDiskSink, PowerCutSink, file_sinks
 from hippomat_logs.walk import Contents, inflated, messages_inside, with_offsets
 
 Message = tuple[int, int, str, bytes]  # number, log time, topic, data
@@ -124,6 +128,31 @@ def strict_reader_notices(finished: bytes, bit: int, directory: Path) -> bool:
     return False
 
 
+def table_reader_is_right(finished: bytes, bit: int, directory: Path) -> bool:
+    """open_run() on a finished log with one flipped bit: an error, or the very same values."""
+    damaged = bytearray(finished)
+    damaged[bit // 8] ^= 1 << bit % 8
+    path = directory / "flipped.mcap"
+    path.write_bytes(finished)
+    right = open_run(path).tables()
+    path.write_bytes(damaged)
+    try:
+        run = open_run(path)
+        tables = run.tables()
+    except HippomatError:
+        return True
+    return tables.keys() == right.keys() and all(_equal(tables[name], right[name]) for name in right)
+
+
+def _equal(ours: Table, theirs: Table) -> bool:
+    """Column by column, inner tables included."""
+    if ours.columns.keys() != theirs.columns.keys() or ours.children.keys() != theirs.children.keys():
+        return False
+    pairs = ((ours[name], theirs[name]) for name in ours.columns)
+    same = all(len(a) == len(b) and all(map(np.array_equal, a, b)) for a, b in pairs)
+    return same and all(_equal(ours.children[name], theirs.children[name]) for name in ours.children)
+
+
 # ---- a process that is killed, a plug that is pulled ----
 
 RECORDING = """
@@ -203,3 +232,37 @@ def whole_file(directory: Path) -> bytes:
     (path,) = directory.glob("*.mcap")
     with mapped(path) as data:
         return bytes(data)
+
+
+# ---- a disk that is full ----
+
+
+def full_disk(directory: Path) -> str:
+    """Record onto a disk that fills up and stays full; every reader must agree on what is left."""
+    files = file_sinks(directory)
+    room = iter([150_000, 150_000])
+    recorder = new_recorder(directory, open_sink=lambda name: FullDiskSink(files(name), next(room, 0)))
+    rng = np.random.default_rng(1)
+    for k in range(60):
+        recorder.serial(START_NS + k * 50_000_000, m.BASE, 0, 1, rng.bytes(4000))
+        time.sleep(0.03)
+    status = recorder.close()
+    counts = counts_of_every_reader(directory)
+    assert len(set(counts.values())) == 1, counts
+    assert status.records == 60
+    return (
+        f"{status.records} records made, {next(iter(counts.values()))} kept by every reader; {status.problem}"
+    )
+
+
+def counts_of_every_reader(directory: Path) -> dict[str, int]:
+    """Messages in the finished logs of a directory by ours (strict, tables), rosbags and mcap."""
+    counts = dict.fromkeys(("strict", "tables", "rosbags", "mcap"), 0)
+    for path in sorted(directory.glob("*.mcap")):
+        counts["strict"] += sum(1 for _ in read_raw(path, Contents()))
+        counts["tables"] += sum(len(table) for table in open_run(path).tables().values())
+        with AnyReader([path]) as reader:
+            counts["rosbags"] += sum(1 for _ in reader.messages())
+        with path.open("rb") as file:
+            counts["mcap"] += sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages())
+    return counts
