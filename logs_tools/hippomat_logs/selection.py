@@ -12,13 +12,15 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from hippomat_core.errors import HippomatError
+from hippomat_core.messages import Tick
 from hippomat_logs.log_writer import LogWriter, writing
 from hippomat_logs.mcap_file import RawRow
 from hippomat_logs.opened_run import OpenedRun, manifest_of
 from hippomat_logs.part import CHANNELS_KEY, END_METADATA, RECOVERY_METADATA, RUN_METADATA
-from hippomat_logs.schema import CLASSES, LATCHED
+from hippomat_logs.schema import CLASSES, LATCHED, TOPICS
 from hippomat_logs.sources import FOREVER, McapSource, Source, merged
 
+TICK = TOPICS[Tick]
 MERGED_METADATA = "hippomat.merged"  # names the files of several runs in one
 
 
@@ -30,7 +32,7 @@ class Selection:
     exclude: tuple[str, ...] = ()
     start_s: float = 0.0
     stop_s: float = float("inf")
-    until: int = 0  # last record number; 0: all
+    until: int = 0  # a record number: everything up to the end of its tick; 0: all
 
     def keeps(self, topic: str) -> bool:
         chosen = not self.topics or any(fnmatchcase(topic, pattern) for pattern in self.topics)
@@ -59,12 +61,10 @@ def write_selection(run: OpenedRun, selection: Selection, path: Path) -> int:
             _write_head(writer, run, mark)
         last = 0
         for source, row in _rows_of(run, selection, start_ns, stop_ns):
-            is_numbered = source.streams[row.channel].topic in CLASSES
-            if selection.until and row.sequence > selection.until:
-                if is_numbered:
-                    break
-                continue
-            last = row.sequence if is_numbered else last
+            topic = source.streams[row.channel].topic
+            if selection.until and topic == TICK and row.sequence > selection.until:
+                break  # here nothing is halfway: what was read is decided, and what was decided is written
+            last = row.sequence if topic in CLASSES else last
             writer.write(source, row)
         if not writer.messages:
             raise HippomatError(

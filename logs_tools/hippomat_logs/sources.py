@@ -11,7 +11,6 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, cached_property
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -190,7 +189,11 @@ def open_source(path: Path) -> Source:
     raise HippomatError(f"{path}: is not a log: give an .mcap, a .bag, a .db3 or a ROS 2 bag's directory")
 
 
-def merged(sources: Collection[Source], **limits: Any) -> Iterator[tuple[Source, RawRow]]:
+def merged(sources: Collection[Source]) -> Iterator[tuple[Source, RawRow]]:
     """All messages of all sources by log time; equal times in the order of sources and files."""
-    streams = [((source, row) for row in source.rows(**limits)) for source in sources]
-    yield from heapq.merge(*streams, key=lambda pair: attrgetter("log_time_ns")(pair[1]))
+
+    def named(source: Source) -> Iterator[tuple[Source, RawRow]]:
+        for row in source.rows():
+            yield source, row
+
+    yield from heapq.merge(*map(named, sources), key=lambda pair: pair[1].log_time_ns)

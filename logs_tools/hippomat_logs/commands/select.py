@@ -32,7 +32,13 @@ def add_filter_options(parser: argparse.ArgumentParser) -> None:
     add("--from", dest="start_s", type=float, default=0.0, metavar="S", help="seconds since the run's start")
     add("--to", dest="stop_s", type=float, default=float("inf"), metavar="S", help="until these seconds")
     add("--robots", type=_numbers, metavar="ID,...", help="only runs of these robots")
-    add("--until", type=int, default=0, metavar="RECORD", help="up to this record: can still be replayed")
+    add(
+        "--until",
+        type=int,
+        default=0,
+        metavar="RECORD",
+        help="up to the tick of this record: can still be replayed",
+    )
     clip = f"what happened around a record, S seconds to either side (default {AROUND_S:g})"
     add("--clip", type=_clip, metavar="RECORD[:S]", help=clip)
 
