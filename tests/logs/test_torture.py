@@ -12,10 +12,12 @@ import pytest
 from torture_lab import (
     Victim,
     flipped,
+    full_disk,
     make_victim,
     seconds_lost_by_kill,
     seconds_lost_by_power_cut,
     strict_reader_notices,
+    table_reader_is_right,
     truncated,
     whole_file,
 )
@@ -59,6 +61,16 @@ def test_no_bit_of_a_finished_log_can_flip_unnoticed(tmp_path: Path) -> None:
     whole = whole_file(tmp_path / "whole")
     for bit in np.random.default_rng(3).integers(0, 8 * len(whole), 60):
         assert strict_reader_notices(whole, int(bit), tmp_path), f"bit {bit}"
+
+
+def test_readers_agree_on_what_a_full_disk_has_left(tmp_path: Path) -> None:
+    assert "60 records made" in full_disk(tmp_path)
+
+
+def test_tables_are_right_or_refused_whatever_bit_flips(tmp_path: Path) -> None:
+    whole = whole_file(tmp_path / "whole")
+    for bit in np.random.default_rng(5).integers(0, 8 * len(whole), 8):
+        assert table_reader_is_right(whole, int(bit), tmp_path), f"bit {bit}"
 
 
 def test_a_killed_process_leaves_all_but_its_last_moments(tmp_path: Path) -> None:

@@ -250,9 +250,8 @@ def full_disk(directory: Path) -> str:
     counts = counts_of_every_reader(directory)
     assert len(set(counts.values())) == 1, counts
     assert status.records == 60
-    return (
-        f"{status.records} records made, {next(iter(counts.values()))} kept by every reader; {status.problem}"
-    )
+    kept = next(iter(counts.values()))
+    return f"{status.records} records made; {kept} messages for every reader; {status.problem}"
 
 
 def counts_of_every_reader(directory: Path) -> dict[str, int]:
