@@ -10,7 +10,7 @@ SOURCES := pyproject.toml constraints.txt
 export HIPPOMAT_DATA ?= $(abspath ../shared/data)
 LIDAR := $(HIPPOMAT_DATA)/lidar
 
-.PHONY: demo test lint check bench results fuzz firmware-native idf-check format clean
+.PHONY: demo test lint check bench results fuzz torture firmware-native idf-check format clean
 
 demo: $(VENV)/.sim
 	$(BIN)/hippomat-sim demo
@@ -43,6 +43,10 @@ results: $(VENV)/.dev
 # 1,000,000 inputs for the firmware's parsers under sanitizers, 1,000,000 for C beside Python (INPUTS=...).
 fuzz: $(VENV)/.dev
 	bash esp32_firmware/fuzz/run.sh
+
+# 1,000 cut logs, 1,000 flipped bits, 50 kills, 100 pulled plugs, a full disk: what is left of the log (10 minutes).
+torture: $(VENV)/.dev
+	PYTHONPATH=tests $(BIN)/python tests/logs/torture.py
 
 # The tests of `pio test -e native`, where PlatformIO cannot fetch its test framework.
 FIRMWARE := esp32_firmware

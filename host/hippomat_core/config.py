@@ -198,11 +198,15 @@ class RosConfig:
 
 @dataclass(frozen=True, slots=True)
 class LogConfig:
-    """Recording; part files rotate by size."""
+    """Recording. Part files rotate by size and age; a run that does not fit the disk is refused."""
 
     directory: str = "runs"
     enabled: bool = True
     part_mib: int = number(512, 1, 100_000)
+    part_s: float = number(1800.0, 0.0, 604_800.0)  # 0: only by size
+    expected_min: float = number(30.0, 0.0, 100_000.0)  # room for so much must be free at the start
+    rate_mib_per_min: float = number(12.0, 0.01, 10_000.0)  # what a robot with base, lidar and radio records
+    low_mib: int = number(100, 0, 1_000_000)  # free room below which bulk is shed; decisions stay
 
 
 @dataclass(frozen=True, slots=True)

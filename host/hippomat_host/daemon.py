@@ -240,6 +240,7 @@ class Daemon:
     def _show(self) -> None:
         log = self._recording.status()
         text = f"{log.file}  {log.records} records, {log.lost} lost" if log.file else "off  --no-log"
+        text += f", {log.shed} shed" if log.shed else ""
         if log.problem != self._log_problem:
             self._log_problem = log.problem
             self._screen.line(f"log: {log.problem or 'recording again'}")

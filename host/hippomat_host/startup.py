@@ -38,6 +38,7 @@ from hippomat_host.warm_up import (
     prepare_planner,
 )
 from hippomat_logs.manifest import new_session_id, run_manifest
+from hippomat_logs.map_files import map_attachments
 from hippomat_logs.map_sources import map_from
 from hippomat_logs.policy_files import policy_name, policy_of
 from hippomat_logs.recorder import Recorder
@@ -147,6 +148,7 @@ def _run(
     screen.line(f"stopped{f' ({reason})' if reason else ''}; motors first")
     if log.file:
         lost = f", {log.lost} LOST" if log.lost else ""
+        lost += f", {log.shed} of bulk shed" if log.shed else ""
         screen.line(f"log {Path(config.log.directory) / log.file}: {log.records} records{lost}")
     screen.close()
     reactor.close()
@@ -203,6 +205,7 @@ def _recording(
             stamp_ns=stamp_ns,
             lossless=lossless,
             policy=policy or b"",
+            files={} if grid is None else map_attachments(grid),
         )
     except OSError as error:
         raise HippomatError(

@@ -1,6 +1,6 @@
-"""hippomat-logs: what is in a log (info), what the fleet achieved (metrics), rescue after a crash (recover).
+"""hippomat-logs: look into logs, check and rescue them, cut and convert them, and say what a fleet achieved.
 
-Exit codes: 0 done, 1 tool or usage error, 3 a log is damaged or lossy.
+Exit codes: 0 done, 1 tool or usage error, 3 a log is damaged or lossy. The commands are in commands/.
 """
 
 from __future__ import annotations
@@ -9,37 +9,46 @@ import argparse
 import dataclasses
 import json
 import sys
-from collections import Counter
-from collections.abc import Sequence
-from datetime import datetime, timezone
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from hippomat_core.errors import HippomatError
+from hippomat_logs.commands import convert, doctor, export, info, plot, select
 from hippomat_logs.metrics import FleetMetrics, run_metrics
-from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.recovery import recover
 from hippomat_logs.replay_cli import Parser
-from hippomat_logs.report import DAMAGED, REPRODUCED
+from hippomat_logs.report import REPRODUCED
 from hippomat_logs.tables import fleet_lines, metrics_table
+
+_COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] = (
+    ("info", info.add_options, info.run, "what logs hold, by their indexes"),
+    ("doctor", doctor.add_options, doctor.run, "read every byte and name every fault"),
+    ("filter", select.add_filter_options, select.run_filter, "some topics, times or robots as a new log"),
+    ("merge", select.add_merge_options, select.run_merge, "several logs as one"),
+    ("convert", convert.add_options, convert.run, "between .mcap, ROS 1 .bag and ROS 2 bags"),
+    ("export", export.add_options, export.run, "topics as CSV or Parquet, trajectories for evo"),
+    ("plot", plot.add_options, plot.run, "a picture: path, speed, battery, rounds; or scans from above"),
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
-    commands = {"info": _info, "metrics": _metrics, "recover": _recover}
     try:
-        return commands[options.command](options, console)
+        return int(options.run(options, console))
     except HippomatError as error:
         console.print(f"error: {error}", style="red", markup=False)
         return error.exit_code
+    except BrokenPipeError:  # `hippomat-logs ... | head`
+        sys.stderr.close()
+        return 1
     except OSError as error:
         print(f"error: {error.filename or 'output'}: {error.strerror or error}", file=sys.stderr)
         return 1
-    except (KeyboardInterrupt, BufferError):  # the second where the first strikes inside a memory map
+    except KeyboardInterrupt:
         print("hippomat-logs: interrupted", file=sys.stderr)
         return 1
 
@@ -51,14 +60,20 @@ def parser() -> Parser:
         epilog="exit codes: 0 done, 1 tool or usage error, 3 a log is damaged or lossy",
     )
     commands = made.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND")
-    info = commands.add_parser("info", help="what a log holds, after a check of every byte")
-    info.add_argument("paths", nargs="+", type=Path, metavar="LOG", help="logs, or directories of logs")
-    metrics = commands.add_parser("metrics", help="tasks, travel cost, conflicts, allocation time, frames")
+
+    def add(name: str, text: str, run: Callable[[argparse.Namespace, Console], int]) -> Any:
+        command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        command.set_defaults(run=run)
+        return command
+
+    for name, add_options, run, text in _COMMANDS:
+        add_options(add(name, text, run))
+    metrics = add("metrics", "tasks, travel cost, conflicts, allocation time, frames", _metrics)
     metrics.add_argument(
         "paths", nargs="+", type=Path, metavar="LOG", help="logs of one fleet, or directories"
     )
     metrics.add_argument("--json", action="store_true", help="print JSON")
-    rescue = commands.add_parser("recover", help="make logs of what a dead daemon left (NAME.mcap.active)")
+    rescue = add("recover", "make logs of what a dead daemon left (NAME.mcap.active)", _recover)
     rescue.add_argument("paths", nargs="+", type=Path, metavar="PATH", help="directories or files")
     return made
 
@@ -100,43 +115,6 @@ def as_json(metrics: FleetMetrics) -> dict[str, Any]:
         "allocation_s": metrics.allocation_s,
         "robots": robots,
     }
-
-
-def _info(options: argparse.Namespace, console: Console) -> int:
-    code = REPRODUCED
-    for run in open_runs(options.paths):
-        counts: Counter[str] = Counter()
-        times: list[int] = []
-        for record in run.records_in_order():
-            counts[record.topic] += 1
-            times = [times[0] if times else record.log_time_ns, record.log_time_ns]
-        _show_run(run, times, console)
-        table = Table(box=None, pad_edge=False, show_header=False)
-        table.add_column("topic")
-        table.add_column("records", justify="right")
-        for topic, count in sorted(counts.items()):
-            table.add_row(f"  {topic}", f"{count:,}")
-        console.print(table)
-        for line in run.lost:
-            console.print(f"  [red]lost[/red]: {line}")
-        code = DAMAGED if run.lost else code
-    return code
-
-
-def _show_run(run: Run, times: list[int], console: Console) -> None:
-    facts = run.manifest
-    who = f"robot {run.robot}" if run.robot >= 0 else "observer"
-    size_mib = sum(path.stat().st_size for path in run.paths) / 2**20
-    console.print(f"[bold]{run.name}[/bold]: {who} of fleet {facts.get('fleet', '?')}")
-    for path in run.paths:
-        console.print(f"  {path}", markup=False)
-    if times:
-        begun = datetime.fromtimestamp(times[0] / 1e9, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
-        lasted_s = (times[1] - times[0]) / 1e9
-        console.print(f"  begun {begun}, {lasted_s:.1f} s, {run.records:,} records, {size_mib:.1f} MiB")
-    state = "recovered after a crash: its last moments are missing" if run.recovered else "whole"
-    console.print(f"  {state}; recorded by hippomat {facts.get('hippomat', '?')} on {facts.get('host', '?')}")
-    console.print(f"  map {facts.get('map_hash', '')[:16] or 'none'}, allocator {run.config.fleet.allocator}")
 
 
 if __name__ == "__main__":

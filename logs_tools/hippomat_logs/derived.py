@@ -6,18 +6,36 @@ Frames map -> odom -> base_link -> lidar (REP 105). These messages are a view: r
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
 from hippomat_core import messages as m
 from hippomat_core.config import Config
+from hippomat_logs.cdr_template import Template
 from hippomat_logs.schema import DERIVED, MessageStore
 
 SCAN_BINS = 360
 _ROS_LEVELS = {m.INFO: 20, m.WARNING: 30, m.ERROR: 40}
 Pose = tuple[float, float, float]
+_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+_TF_PATHS = tuple(
+    f"transforms[{k}].{path}"
+    for k in (0, 1)
+    for path in (
+        *_STAMP,
+        *(f"transform.translation.{axis}" for axis in "xy"),
+        *(f"transform.rotation.{axis}" for axis in "zw"),
+    )
+)
+_ODOMETRY_PATHS = (
+    *_STAMP,
+    *(f"pose.pose.position.{axis}" for axis in "xy"),
+    *(f"pose.pose.orientation.{axis}" for axis in "zw"),
+    "twist.twist.linear.x",
+    "twist.twist.angular.z",
+)
 
 
 class DerivedTopics:
@@ -31,57 +49,48 @@ class DerivedTopics:
         self._odom: Pose = (0.0, 0.0, 0.0)
         self._map: m.MapReceived | None = None
         origin = (0.0, 0.0, 0.0)
-        # kept and changed in place: building these messages anew costs ten times as much as encoding them
+        # templates: building these messages anew for every pose costs thirty times as much
         links = [self._transform(0, "map", "odom", origin), self._transform(0, "odom", "base_link", origin)]
-        self._tf = self._new(DERIVED["/tf"], transforms=links)
-        self._odometry = self._new_odometry()
+        self._tf = self._template("/tf", self._new(DERIVED["/tf"], transforms=links), _TF_PATHS)
+        self._odometry = self._template("/odom", self._new_odometry(), _ODOMETRY_PATHS)
+        self._ranges = np.zeros(SCAN_BINS, np.float32)
+        self._intensities = np.zeros(SCAN_BINS, np.float32)
+        self._scans = self._template("/scan", self._new_scan(), _STAMP)
+        self._views: dict[type, Callable[[Any, int], Iterable[tuple[str, bytes]]]] = {
+            m.PoseEstimated: self._pose,
+            m.BaseFeedback: self._integrate,
+            m.ScanReceived: lambda scan, t: [self._scan(scan, t)],
+            m.PathPlanned: lambda path, t: [self._path(path, t)],
+            m.MapReceived: lambda grid, t: [self._grid(grid, t)],
+            m.AlarmRaised: lambda alarm, t: [self._alarm(alarm, t)],
+            m.LaserScanReceived: lambda scan, t: [self._laser(scan, t)],
+            m.TransformReceived: self._mounts,
+        }
 
     def static(self) -> Iterator[tuple[str, bytes]]:
         lidar = self._lidar
         offset = self._transform(0, "base_link", "lidar", (lidar.x_m, lidar.y_m, lidar.yaw_rad), lidar.z_m)
         yield self._encode("/tf_static", transforms=[offset])
 
-    def of(self, record: Any, log_time_ns: int) -> Iterator[tuple[str, bytes]]:
+    def of(self, record: Any, log_time_ns: int) -> Iterable[tuple[str, bytes]]:
         """(topic, CDR) of everything that follows from one record; often nothing."""
-        if isinstance(record, m.PoseEstimated):
-            yield from self._pose(record, log_time_ns)
-        elif isinstance(record, m.BaseFeedback):
-            self._integrate(record)
-        elif isinstance(record, m.ScanReceived):
-            yield self._scan(record, log_time_ns)
-        elif isinstance(record, m.LaserScanReceived):
-            yield self._laser(record, log_time_ns)
-        elif isinstance(record, m.TransformReceived) and record.parent == self._base_frame:
-            yield self._mount(record, log_time_ns)
-        elif isinstance(record, m.PathPlanned):
-            yield self._path(record, log_time_ns)
-        elif isinstance(record, m.MapReceived):
-            self._map = record
-            yield self._grid(record, log_time_ns)
-        elif isinstance(record, m.AlarmRaised):
-            yield self._alarm(record, log_time_ns)
+        view = self._views.get(type(record))
+        return view(record, log_time_ns) if view else ()
 
-    def _integrate(self, feedback: m.BaseFeedback) -> None:
+    def _integrate(self, feedback: m.BaseFeedback, _: int) -> Iterable[tuple[str, bytes]]:
         """Increments, not the absolute fields: int16 millimetres wrap at 32.767 m."""
         x, y, yaw = self._odom
         dx, dy, dyaw = feedback.delta_x_mm / 1e3, feedback.delta_y_mm / 1e3, feedback.delta_yaw_mrad / 1e3
         c, s = math.cos(yaw + dyaw / 2), math.sin(yaw + dyaw / 2)
         self._odom = (x + c * dx - s * dy, y + s * dx + c * dy, yaw + dyaw)
+        return ()
 
-    def _pose(self, pose: m.PoseEstimated, t: int) -> Iterator[tuple[str, bytes]]:
-        in_map, in_odom = (pose.x_m, pose.y_m, pose.yaw_rad), self._odom
-        for link, offset in zip(
-            self._tf.transforms, (_compose(in_map, _inverse(in_odom)), in_odom), strict=True
-        ):
-            _set_time(link.header, t)
-            _set_pose(link.transform.translation, link.transform.rotation, offset)
-        yield "/tf", self._store.encode_standard(self._tf, DERIVED["/tf"])
-        odometry = self._odometry
-        _set_time(odometry.header, t)
-        _set_pose(odometry.pose.pose.position, odometry.pose.pose.orientation, in_odom)
-        odometry.twist.twist.linear.x = pose.v_mps
-        odometry.twist.twist.angular.z = pose.wz_radps
-        yield "/odom", self._store.encode_standard(odometry, DERIVED["/odom"])
+    def _pose(self, pose: m.PoseEstimated, t: int) -> Iterable[tuple[str, bytes]]:
+        stamp, in_odom = divmod(t, 10**9), self._odom
+        map_to_odom = _compose((pose.x_m, pose.y_m, pose.yaw_rad), _inverse(in_odom))
+        links = (*stamp, *_planar(map_to_odom), *stamp, *_planar(in_odom))
+        odometry = (*stamp, *_planar(in_odom), pose.v_mps, pose.wz_radps)
+        return ("/tf", self._tf.fill(*links)), ("/odom", self._odometry.fill(*odometry))
 
     def _new_odometry(self) -> Any:
         zero, still = np.zeros(36), self._xyz(0.0, 0.0, 0.0)
@@ -96,28 +105,29 @@ class DerivedTopics:
 
     def _scan(self, scan: m.ScanReceived, t: int) -> tuple[str, bytes]:
         """Nearest return per degree; the lidar counts clockwise, ROS counter-clockwise."""
-        ranges = np.full(SCAN_BINS, np.inf, np.float32)
-        intensities = np.zeros(SCAN_BINS, np.float32)
-        hit = np.asarray(scan.distance_q2) > 0
-        angle = np.asarray(scan.angle_q6)[hit].astype(np.int64)
-        bins = (-((angle + 32) // 64)) % SCAN_BINS
-        metres = (np.asarray(scan.distance_q2)[hit] / 4000.0).astype(np.float32)
-        np.minimum.at(ranges, bins, metres)
-        intensities[bins] = np.asarray(scan.quality)[hit]
+        ranges, intensities = self._ranges, self._intensities
+        ranges.fill(np.inf)
+        intensities.fill(0.0)
+        hit = scan.distance_q2 > 0
+        bins = -((scan.angle_q6[hit].astype(np.int32) + 32) // 64) % SCAN_BINS
+        np.minimum.at(ranges, bins, (scan.distance_q2[hit] / 4000.0).astype(np.float32))
+        intensities[bins] = scan.quality[hit]
+        return "/scan", self._scans.fill(*divmod(t, 10**9), ranges=ranges, intensities=intensities)
+
+    def _new_scan(self) -> Any:
         step = 2 * math.pi / SCAN_BINS
-        limits = (self._lidar.min_range_m, self._lidar.max_range_m)
-        return self._encode(
-            "/scan",
-            header=self._header(t, "lidar"),
+        return self._new(
+            DERIVED["/scan"],
+            header=self._header(0, "lidar"),
             angle_min=0.0,
             angle_max=step * (SCAN_BINS - 1),
             angle_increment=step,
             time_increment=0.0,
             scan_time=0.0,
-            range_min=limits[0],
-            range_max=limits[1],
-            ranges=ranges,
-            intensities=intensities,
+            range_min=self._lidar.min_range_m,
+            range_max=self._lidar.max_range_m,
+            ranges=self._ranges,
+            intensities=self._intensities,
         )
 
     def _laser(self, scan: m.LaserScanReceived, t: int) -> tuple[str, bytes]:
@@ -136,8 +146,11 @@ class DerivedTopics:
             intensities=np.zeros(0, np.float32),
         )
 
-    def _mount(self, link: m.TransformReceived, t: int) -> tuple[str, bytes]:
+    def _mounts(self, link: m.TransformReceived, t: int) -> Iterable[tuple[str, bytes]]:
         """What is mounted on the base; the frames above it are ours, see _pose."""
+        return [self._mount(link, t)] if link.parent == self._base_frame else []
+
+    def _mount(self, link: m.TransformReceived, t: int) -> tuple[str, bytes]:
         move = self._xyz(link.x_m, link.y_m, link.z_m)
         turn = self._new("geometry_msgs/msg/Quaternion", link.qx, link.qy, link.qz, link.qw)
         said = self._new("geometry_msgs/msg/Transform", move, turn)
@@ -156,6 +169,7 @@ class DerivedTopics:
         return self._encode("/plan", header=header, poses=poses)
 
     def _grid(self, grid: m.MapReceived, t: int) -> tuple[str, bytes]:
+        self._map = grid
         info = self._new(
             "nav_msgs/msg/MapMetaData",
             map_load_time=self._time(t),
@@ -175,6 +189,10 @@ class DerivedTopics:
         return self._encode("/rosout", stamp=self._time(t), level=level, name=self._name, msg=text, **where)
 
     # ---- building blocks ----
+
+    def _template(self, topic: str, message: Any, paths: tuple[str, ...]) -> Template:
+        name = DERIVED[topic]
+        return Template(self._store.fields(name), self._store.encode_standard(message, name), paths)
 
     def _new(self, kind: str, /, *values: Any, **fields: Any) -> Any:
         return self._store.standard(kind)(*values, **fields)
@@ -216,10 +234,7 @@ def _inverse(a: Pose) -> Pose:
     return -(c * a[0] + s * a[1]), s * a[0] - c * a[1], -a[2]
 
 
-def _set_time(header: Any, t: int) -> None:
-    header.stamp.sec, header.stamp.nanosec = divmod(t, 10**9)
-
-
-def _set_pose(position: Any, orientation: Any, pose: Pose) -> None:
-    position.x, position.y, yaw = pose
-    orientation.z, orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+def _planar(pose: Pose) -> tuple[float, float, float, float]:
+    """x, y, and z and w of the quaternion."""
+    x, y, yaw = pose
+    return x, y, math.sin(yaw / 2), math.cos(yaw / 2)

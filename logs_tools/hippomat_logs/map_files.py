@@ -45,6 +45,13 @@ def save_map(grid: OccupancyGrid, path: str | Path) -> None:
     path.write_text(map_yaml(grid, image.name, mode), encoding="utf-8")
 
 
+def map_attachments(grid: OccupancyGrid) -> dict[str, bytes]:
+    """The same map as files that a log carries: map.yaml and map.png, by name."""
+    pixels, mode = image_from_grid(grid)
+    _, png = cv2.imencode(".png", np.ascontiguousarray(pixels))
+    return {"map.yaml": map_yaml(grid, "map.png", mode).encode(), "map.png": png.tobytes()}
+
+
 def _decode(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.uint8] | None]:
     """Grey values (H, W), the mean of the colours, and the alpha channel if there is one."""
     try:

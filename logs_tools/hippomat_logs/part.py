@@ -5,13 +5,13 @@ Knows encoded records, not what they mean. Format: https://mcap.dev/spec
 
 from __future__ import annotations
 
+import json
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, cast
 
-from mcap.writer import CompressionType, Writer
-
+from hippomat_logs.mcap_writer import McapWriter
 from hippomat_logs.schema import DERIVED, LATCHED, TOPICS, MessageStore, type_name
 from hippomat_logs.sink import Sink
 
@@ -19,6 +19,10 @@ CHUNK_BYTES = 256 * 1024
 RUN_METADATA = "hippomat.run"  # directly behind the header of every part
 POLICY_ATTACHMENT = "policy.safetensors"  # behind the manifest, where the allocator has weights
 END_METADATA = "hippomat.end"  # last of a part that was finished
+RECOVERY_METADATA = "hippomat.recovery"  # last of a part that was recovered: what it lost
+CHANNELS_KEY = (
+    "channels_crc32"  # of the manifest: which channels the part has, should its first chunk be lost
+)
 
 _QOS = """- history: 1
   depth: {depth}
@@ -74,49 +78,56 @@ def our_channels(store: MessageStore) -> list[ChannelSpec]:
     ]
 
 
+def channels_crc32(channels: Sequence[ChannelSpec]) -> str:
+    """Names a list of channels, order included."""
+    return f"{zlib.crc32(repr([(c.topic, c.type_name, c.definition) for c in channels]).encode()):08x}"
+
+
+def facts_crc32(facts: Mapping[str, str]) -> str:
+    """Checksum of metadata, for which MCAP has none."""
+    return f"{zlib.crc32(json.dumps(dict(facts), sort_keys=True).encode()):08x}"
+
+
 class PartWriter:
-    """An open part. After an OSError it must be abandoned: mcap's writer then holds a stale chunk."""
+    """An open part. After an OSError it must be abandoned: the writer then holds a stale chunk."""
 
     def __init__(
-        self, sink: Sink, manifest: Mapping[str, str], channels: Sequence[ChannelSpec], policy: bytes = b""
+        self,
+        sink: Sink,
+        manifest: Mapping[str, str],
+        channels: Sequence[ChannelSpec],
+        attachments: Mapping[str, bytes],
     ) -> None:
         self.sink = sink
-        self._writer: Any = Writer(  # its methods carry no annotations
-            cast(Any, sink),
-            chunk_size=CHUNK_BYTES,
-            compression=CompressionType.ZSTD,
-            enable_crcs=True,
-            enable_data_crcs=True,
-        )
-        self._writer.start(profile="ros2", library=f"hippomat {package_version()}")
-        self._writer.add_metadata(RUN_METADATA, dict(manifest))
-        if policy:
-            wall_ns = int(manifest.get("started_ns", "0")) + int(manifest.get("wall_offset_ns", "0"))
-            media_type = "application/octet-stream"
-            self._writer.add_attachment(wall_ns, wall_ns, POLICY_ATTACHMENT, media_type, policy)
+        self._writer = McapWriter(sink, "ros2", f"hippomat {package_version()}", CHUNK_BYTES)
+        for _ in range(2):  # nothing can be read without it, so one copy may be damaged
+            self._add_facts(RUN_METADATA, {**manifest, CHANNELS_KEY: channels_crc32(channels)})
+        wall_ns = int(manifest.get("started_ns", "0")) + int(manifest.get("wall_offset_ns", "0"))
+        for name, data in attachments.items():
+            self._writer.add_attachment(wall_ns, name, "application/octet-stream", data)
         schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         for spec in channels:
             if spec.type_name not in schemas:
-                schemas[spec.type_name] = self._writer.register_schema(
-                    spec.type_name, "ros2msg", spec.definition
-                )
+                schemas[spec.type_name] = self._writer.add_schema(spec.type_name, "ros2msg", spec.definition)
             schema = schemas[spec.type_name]
-            self._channels[spec.topic] = self._writer.register_channel(
+            self._channels[spec.topic] = self._writer.add_channel(
                 spec.topic, "cdr", schema, dict(spec.metadata)
             )
 
     def add(self, topic: str, number: int, log_time_ns: int, data: bytes) -> None:
         """`number` goes into the sequence field; a derived message carries its source's number."""
-        self._writer.add_message(self._channels[topic], log_time_ns, data, log_time_ns, number & 0xFFFFFFFF)
+        self._writer.add_message(self._channels[topic], number & 0xFFFFFFFF, log_time_ns, data)
 
     def flush(self) -> None:
         """Close the chunk and append it to the file, whole or not at all."""
         self._writer.flush()
 
-    def finish(self, end: Mapping[str, str] | None) -> None:
-        self._writer.flush()
-        if end is not None:
-            self._writer.add_metadata(END_METADATA, dict(end))
+    def finish(self, name: str, facts: Mapping[str, str]) -> None:
+        """name: END_METADATA or RECOVERY_METADATA."""
+        self._add_facts(name, facts)
         self._writer.finish()
         self.sink.finish()
+
+    def _add_facts(self, name: str, facts: Mapping[str, str]) -> None:
+        self._writer.add_metadata(name, {**facts, "crc32": facts_crc32(facts)})

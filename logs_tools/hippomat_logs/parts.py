@@ -1,4 +1,4 @@
-"""The parts of one run, one after the other: rotation by size, and what happens when the disk fails.
+"""The parts of one run, one after the other: rotation by size and age, and what happens when the disk fails.
 
 A failed write never stops the run: the part is abandoned, its unwritten chunk is tried once in a new part,
 and what cannot be kept is named by a drop record as soon as there is room again. Knows encoded records only.
@@ -7,9 +7,9 @@ and what cannot be kept is named by a drop record as soon as there is room again
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
-from hippomat_logs.part import PartWriter, our_channels
+from hippomat_logs.part import END_METADATA, PartWriter, our_channels
 from hippomat_logs.records import DropRecord
 from hippomat_logs.schema import LATCHED, TOPICS, MessageStore
 from hippomat_logs.sink import SinkOpener
@@ -18,8 +18,7 @@ RETRY_S = 1.0
 MAX_PARTS = 1000
 
 
-@dataclass(frozen=True, slots=True)
-class Encoded:
+class Encoded(NamedTuple):
     """A message ready for the file; `derived` ones repeat their source's number and are not counted."""
 
     topic: str
@@ -39,17 +38,23 @@ class PartSeries:
         manifest: Mapping[str, str],
         store: MessageStore,
         part_bytes: int,
-        policy: bytes = b"",
+        part_s: float = 0.0,
+        attachments: Mapping[str, bytes] | None = None,
     ) -> None:
+        """part_s: no part spans more time than this; 0: any."""
         self._open_sink = open_sink
         self._name = name
         self._manifest = dict(manifest)
         self._store = store
         self._channels = our_channels(store)
         self._part_bytes = part_bytes
-        self._policy = policy  # goes into every part, as the manifest does
+        self._part_s = part_s or float("inf")
+        self._attachments = attachments or {}  # go into every part, as the manifest does
+        self._begun_s: float | None = None  # when the part's first records were written
         self._part: PartWriter | None = None
-        self._head_bytes = 0  # of the part: manifest, weights and channels, which do not count for rotation
+        self._head_bytes = (
+            0  # of the part: manifest, attachments and channels, which do not count for rotation
+        )
         self._index = 0  # of the next part
         self._retry_at_s = 0.0
         self._pending: list[Encoded] = []  # given to the part's open chunk, not yet in the file
@@ -79,31 +84,34 @@ class PartSeries:
         if self._part is None and not self._reopened(record, now_s):
             self._lose([record])
             return
-        self._write(record)
+        self._pending.append(record)
+        self._part.add(*record[:4])  # type: ignore[union-attr]  # _reopened() has made one
 
-    def flush(self, now_s: float, sync: bool) -> None:
-        """Put the open chunk into the file; afterwards rotate if the part is large enough."""
+    def flush(self, now_s: float) -> None:
+        """Put the open chunk onto the disk; afterwards rotate if the part is large or old enough."""
         if self._part is None:
             return
         try:
             self._part.flush()
-            if sync:
-                self._part.sink.sync()
+            self._pending.clear()  # in the file: should the disk not take it, a new part must not repeat it
+            self._part.sink.sync()
         except OSError as error:
             self._fail(error, now_s)
             return
-        self._pending.clear()
-        if self._part.sink.tell() - self._head_bytes >= self._part_bytes:
+        self._begun_s = now_s if self._begun_s is None else self._begun_s
+        size = self._part.sink.tell() - self._head_bytes
+        if size >= self._part_bytes or (size and now_s - self._begun_s >= self._part_s):
             self._rotate(now_s)
 
-    def close(self, now_s: float) -> None:
-        """Finish the last part; what was lost and could not be said is left in lost_records."""
+    def close(self, now_s: float, facts: Mapping[str, str]) -> None:
+        """Finish the last part with `facts` in its end mark; what was lost and could not be said is left in
+        lost_records."""
         if self._part is None and self._lost is not None:
             self._retry_at_s = now_s
             self._reopened(Encoded("", self._last_number + 1, self._last_time_ns, b""), now_s)
-        self.flush(now_s, sync=False)
+        self.flush(now_s)
         if self._part is not None:
-            self._finish(self._part, final=True)
+            self._finish(self._part, {**facts, "final": "yes"})
 
     # ---- inside ----
 
@@ -124,14 +132,14 @@ class PartSeries:
         else:
             raise FileExistsError(f"{self._name}_000.mcap and {MAX_PARTS} more exist")
         facts = {**self._manifest, "part": str(self._index), "first_record": str(first_record)}
-        part = PartWriter(sink, facts, self._channels, self._policy)
+        part = PartWriter(sink, facts, self._channels, self._attachments)
         try:
             part.flush()
         except OSError:
             sink.abandon()
             raise
         self._index += 1
-        self._part, self._head_bytes = part, sink.tell()
+        self._part, self._head_bytes, self._begun_s = part, sink.tell(), None
         for latched in self._latched.values():
             self._write(latched)
 
@@ -156,16 +164,15 @@ class PartSeries:
     def _rotate(self, now_s: float) -> None:
         part, self._part = self._part, None
         assert part is not None
-        if self._finish(part, final=False):
+        if self._finish(part, {"final": "no"}):
             try:
                 self._begin(self._last_number + 1)
             except OSError as error:
                 self._stop(error, now_s)
 
-    def _finish(self, part: PartWriter, final: bool) -> bool:
-        end = {"last_record": str(self._last_number), "final": "yes" if final else "no"}
+    def _finish(self, part: PartWriter, facts: Mapping[str, str]) -> bool:
         try:
-            part.finish(end)
+            part.finish(END_METADATA, {"last_record": str(self._last_number), **facts})
         except OSError as error:
             self.problem = f"the log could not be finished: {error}"
             self._abandon(part)

@@ -6,6 +6,7 @@ version recorded with other definitions.
 
 from __future__ import annotations
 
+import contextlib
 import mmap
 import zlib
 from collections.abc import Collection, Iterator, Sequence
@@ -44,8 +45,12 @@ def mapped(path: Path) -> Iterator[memoryview]:
     with file:
         if path.stat().st_size == 0:
             raise LogError(f"{path}: is empty; nothing was recorded in it")
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as map_, memoryview(map_) as view:
-            yield view
+        map_ = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        try:
+            yield memoryview(map_)
+        finally:
+            with contextlib.suppress(BufferError):  # slices of it that are left over go with the last of them
+                map_.close()
 
 
 def read_raw(path: Path, contents: Contents) -> Iterator[RawMessage]:
@@ -109,7 +114,7 @@ class Run:
         """
         wanted = {TOPICS[kind] for kind in (*kinds, DropRecord)} if kinds else CLASSES
         self.records, expected = 0, 1
-        self.lost.clear()
+        self.lost, losses = [], Losses()
         for index, path in enumerate(self.paths):
             contents = Contents()
             for raw in read_raw(path, contents):
@@ -124,8 +129,8 @@ class Run:
                 if first != expected:
                     raise LogError(f"{path}: record {expected} is missing: {_gap(expected, first)}")
                 if isinstance(record.message, DropRecord):
-                    d = record.message
-                    self.lost.append(f"records {d.first}..{d.last} lost: {d.cause}")
+                    losses.add(record.message)
+                    self.lost = losses.lines()
                 expected = raw.number + 1
                 self.records += 1
                 if not kinds or type(record.message) in kinds:
@@ -158,6 +163,28 @@ class Run:
             raise LogError(f"{path}: ends at record {expected - 1}, but record {last} was written")
         if is_last and not final:
             raise LogError(f"{path}: is not the last part of its run: give the later parts too")
+
+
+class Losses:
+    """Drop records, summed up by their cause: shedding makes thousands."""
+
+    def __init__(self) -> None:
+        self._of: dict[
+            str, list[int]
+        ] = {}  # cause -> first record, last record, how many, in how many places
+
+    def add(self, drop: DropRecord) -> None:
+        sums = self._of.setdefault(drop.cause, [drop.first, 0, 0, 0])
+        self._of[drop.cause] = [sums[0], drop.last, sums[2] + drop.last - drop.first + 1, sums[3] + 1]
+
+    def lines(self) -> list[str]:
+        shown = []
+        for cause, (first, last, count, places) in self._of.items():
+            which = f"records {first}..{last}"
+            shown.append(
+                f"{which if places == 1 else f'{count} of the {which}, in {places} places,'} lost: {cause}"
+            )
+        return shown
 
 
 def _gap(expected: int, found: int) -> str:
@@ -205,6 +232,8 @@ def read_contents(path: Path, store: MessageStore) -> tuple[Contents, int]:
     """
     contents = Contents()
     records = sum(raw.topic in CLASSES for raw in read_raw(path, contents))
+    if selection := contents.manifest.get("selection"):
+        raise LogError(f"{path}: is a selection of a run ({selection}): this needs the whole run")
     for channel in contents.channels.values():
         ours = channel.topic in CLASSES and store.schema_text(channel.type_name)
         if ours and ours != channel.definition:

@@ -1,7 +1,8 @@
 """Record one run without ever holding up the robot: the caller only appends to a bounded queue.
 
-Decides record numbers, the queue, and when chunks are closed; one writer thread encodes and writes. What
-does not fit is counted and named by a drop record. Knows records and time stamps, not what they mean.
+Decides record numbers, the queue, and when chunks reach the disk; one writer thread encodes and writes.
+Where time or room runs out, bulk goes first; what is left out is counted and named by a drop record.
+Knows records and time stamps, not what they mean.
 """
 
 from __future__ import annotations
@@ -10,35 +11,57 @@ import threading
 import time
 import zlib
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hippomat_core.config import Config
 from hippomat_core.messages import Effect, Event
 from hippomat_logs.derived import DerivedTopics
+from hippomat_logs.disk_space import NO_BULK, NO_VIEWS, DiskWatch, FreeBytes, check_forecast, free_bytes
+from hippomat_logs.part import POLICY_ATTACHMENT
 from hippomat_logs.parts import Encoded, PartSeries
-from hippomat_logs.records import DropRecord, SerialRecord, TimingRecord
+from hippomat_logs.records import DropRecord, SerialRecord, TimingRecord, is_bulk
 from hippomat_logs.recovery import recover_directory
 from hippomat_logs.schema import TOPICS, MessageStore
 from hippomat_logs.sink import SinkOpener, file_sinks
 
-FLUSH_S = 0.5
-SYNC_S = 1.0
-WAKE_S = 0.1
+SYNC_S = 0.35  # a plug that is pulled costs so much and one sync: 0.5 s on a disk that takes 0.15 s for it
+LOSSLESS_WAKE_S = 0.01  # somebody may be waiting for room in the queue; otherwise the writer wakes to sync
 QUEUE_RECORDS = 8192
+BATCH_RECORDS = 20  # encoded in one go: the control loop's thread must not wait long for the interpreter
+YIELD_S = 1e-4
+_FULL = "queue full: the disk was too slow"
+_FILLING = "queue half full: bulk was shed"
+_LOW = "disk low: bulk was shed"
 
 
 @dataclass(frozen=True, slots=True)
 class RecorderStatus:
-    """How recording goes; `problem` is "" while everything is kept."""
+    """How recording goes; `problem` is "" while everything is kept. shed: bulk left out."""
 
     records: int
     lost: int
     problem: str
     file: str
+    shed: int = 0
+
+
+class _Moved(NamedTuple):
+    """Serial bytes on their way to the writer's thread, which makes a record of them."""
+
+    stamp_ns: int
+    port: int
+    direction: int
+    phase: int
+    data: bytes
+
+    def record(self) -> SerialRecord:
+        stamp_ns, port, direction, phase, data = self
+        return SerialRecord(stamp_ns, port, direction, phase, zlib.crc32(data), data)
 
 
 class Recorder:
@@ -46,8 +69,10 @@ class Recorder:
 
     manifest: see manifest.run_manifest. wall_ns and stamp_ns are read together; log times are the wall clock
     that results, so they never step.
-    lossless=True waits for the writer instead of dropping (for replays). policy: the weights that decide.
-    Raises OSError where `directory` cannot be written at the start; never afterwards.
+    lossless=True waits for the writer instead of dropping (for replays, which also ask for no forecast).
+    policy: the weights that decide; files: more that every part shall carry, by name.
+    Raises OSError where `directory` cannot be written at the start, HippomatError where the expected run does
+    not fit on its disk; nothing afterwards.
     """
 
     def __init__(
@@ -62,24 +87,36 @@ class Recorder:
         queue_records: int = QUEUE_RECORDS,
         lossless: bool = False,
         policy: bytes = b"",
+        files: Mapping[str, bytes] | None = None,
+        free: FreeBytes | None = None,
     ) -> None:
         self._offset_ns = wall_ns - stamp_ns
         self._directory = Path(directory)
+        opener = open_sink or file_sinks(self._directory)
+        free = free or partial(free_bytes, self._directory)
+        if not lossless:
+            check_forecast(self._directory, config.log, free)
+        self._disk = DiskWatch(config.log.low_mib, free)
         self._store = MessageStore()
         self._store.warm_up()
         self._derived = DerivedTopics(self._store, config)
         self._next = 1
         self._queue: deque[tuple[int, int, Any]] = deque()
-        self._limit = queue_records
+        self._limit, self._half = queue_records, queue_records // 2
         self._lossless = lossless
-        self._dropping: int | None = None  # first number of the records that found the queue full
+        self._dropping: tuple[int, str] | None = None  # first of the records that found no room, and why
         self._dropped = 0
+        self._shed_queue = self._shed_disk = 0  # each counted by one thread
+        self._gap: DropRecord | None = None  # what the writer sheds just now
+        self._level = self._disk.level()
+        self._worst_sync_s = 0.0
         self._fault = ""
         self._closing = threading.Event()
         facts = {**manifest, "wall_offset_ns": str(self._offset_ns), "started_ns": str(stamp_ns)}
         name = log_name(manifest, wall_ns)
-        opener = open_sink or file_sinks(self._directory)
-        self._series = PartSeries(opener, name, facts, self._store, config.log.part_mib << 20, policy)
+        carried = {**({POLICY_ATTACHMENT: policy} if policy else {}), **(files or {})}
+        part_bytes, part_s = config.log.part_mib << 20, config.log.part_s
+        self._series = PartSeries(opener, name, facts, self._store, part_bytes, part_s, carried)
         self._series.open()
         for topic, data in self._derived.static():
             self._series.add(Encoded(topic, 0, wall_ns, data, derived=True), time.monotonic())
@@ -94,21 +131,22 @@ class Recorder:
 
     def serial(self, stamp_ns: int, port: int, direction: int, phase: int, data: bytes) -> None:
         """port: messages.RADIO...; direction 0 from, 1 to the device; phase 0 identification, 1 running."""
-        self._put(stamp_ns, SerialRecord(stamp_ns, port, direction, phase, zlib.crc32(data), bytes(data)))
+        self._put(stamp_ns, _Moved(stamp_ns, port, direction, phase, bytes(data)))
 
     def timing(self, stamp_ns: int, compute_ns: int, lag_ns: int) -> None:
         self._put(stamp_ns, TimingRecord(stamp_ns, compute_ns, max(0, lag_ns)))
 
     def status(self) -> RecorderStatus:
         lost = self._dropped + self._series.lost_records
-        problem = self._series.problem or self._fault
+        problem = self._series.problem or self._fault or self._disk.problem
         if not problem and self._dropping is not None:
-            problem = "the log's queue is full: the disk is too slow"
-        return RecorderStatus(self._next - 1, lost, problem, self._series.name)
+            problem = f"the log's {self._dropping[1]}"
+        shed = self._shed_queue + self._shed_disk
+        return RecorderStatus(self._next - 1, lost, problem, self._series.name, shed)
 
     def close(self, timeout_s: float = 10.0) -> RecorderStatus:
         """Write what is queued and finish the file. A disk that hangs is given `timeout_s`."""
-        self._end_drop()
+        self._end_drop(self._next)
         self._closing.set()
         self._thread.join(timeout_s)
         return self.status()
@@ -118,25 +156,39 @@ class Recorder:
     def _put(self, stamp_ns: int, record: Any) -> None:
         number = self._next
         self._next = number + 1
-        if len(self._queue) >= self._limit:
-            if not self._lossless:
-                self._dropped += 1
-                if self._dropping is None:
-                    self._dropping = number
+        if self._dropping is not None or len(self._queue) >= self._half:
+            if not self._takes(number, record):
                 return
-            while len(self._queue) >= self._limit and self._thread.is_alive():
-                time.sleep(0.002)
-        if self._dropping is not None:
             self._end_drop(number)
         self._queue.append((number, stamp_ns + self._offset_ns, record))
 
-    def _end_drop(self, before: int | None = None) -> None:
+    def _takes(self, number: int, record: Any) -> bool:
+        """Is there room in a queue that is half full or more? If not, the record is counted."""
+        waiting = len(self._queue)
+        if self._lossless:
+            while len(self._queue) >= self._limit and self._thread.is_alive():
+                time.sleep(0.002)
+        elif waiting >= self._limit:
+            self._dropped += 1
+            self._drop(number, _FULL)
+            return False
+        elif waiting >= self._half and is_bulk(record.record() if type(record) is _Moved else record):
+            self._shed_queue += 1
+            self._drop(number, _FILLING)
+            return False
+        return True
+
+    def _drop(self, number: int, cause: str) -> None:
+        if self._dropping is not None and self._dropping[1] != cause:
+            self._end_drop(number)
         if self._dropping is None:
-            return
-        last = (self._next if before is None else before) - 1
-        drop = DropRecord(self._dropping, last, "queue full: the disk was too slow")
-        self._queue.append((last, time.time_ns(), drop))
-        self._dropping = None
+            self._dropping = number, cause
+
+    def _end_drop(self, before: int) -> None:
+        """Put the drop record of what found no room before number `before`."""
+        if self._dropping is not None:
+            (first, cause), self._dropping = self._dropping, None
+            self._queue.append((before - 1, time.time_ns(), DropRecord(first, before - 1, cause)))
 
     # ---- writer's thread ----
 
@@ -149,39 +201,67 @@ class Recorder:
             self._fault = f"recording ended: {type(error).__name__}: {error}"
 
     def _write_and_flush(self) -> None:
-        flushed_s = synced_s = time.monotonic()
+        due_s = time.monotonic() + SYNC_S
         while True:
-            closing = self._closing.wait(WAKE_S)
+            wait_s = LOSSLESS_WAKE_S if self._lossless else due_s - time.monotonic()
+            closing = self._closing.wait(max(0.0, wait_s))
             self._drain()
-            now_s = time.monotonic()
-            if now_s - flushed_s >= FLUSH_S:
-                sync = now_s - synced_s >= SYNC_S - FLUSH_S / 2
-                self._series.flush(now_s, sync)
-                flushed_s = now_s
-                synced_s = now_s if sync else synced_s
+            if (now_s := time.monotonic()) >= due_s:
+                self._series.flush(now_s)
+                self._worst_sync_s = max(self._worst_sync_s, time.monotonic() - now_s)
+                self._level = self._disk.level()
+                due_s = now_s + SYNC_S
             if closing and not self._queue:
                 break
-        self._series.close(time.monotonic())
+        self._end_gap(time.time_ns(), time.monotonic())
+        shed = self._shed_queue + self._shed_disk
+        self._series.close(
+            time.monotonic(), {"worst_sync_ms": f"{1e3 * self._worst_sync_s:.0f}", "shed": str(shed)}
+        )
 
     def _drain(self) -> None:
-        now_s = time.monotonic()
-        while self._queue:
-            number, log_time_ns, record = self._queue.popleft()
-            try:
-                encoded = Encoded(TOPICS[type(record)], number, log_time_ns, self._store.encode(record))
-            except Exception as error:  # a wrong value must cost that record, not the run
-                encoded = self._lost_for(number, log_time_ns, record, error)
-            self._series.add(encoded, now_s)
-            if not self._queue or len(self._queue) < self._limit // 2:  # derived topics are shed first
-                for topic, data in self._views(record, log_time_ns):
-                    self._series.add(Encoded(topic, number, log_time_ns, data, derived=True), now_s)
+        """What was there when it began: a queue that fills faster must not keep the rest from the disk."""
+        waiting = len(self._queue)
+        while waiting > 0:
+            now_s = time.monotonic()
+            for _ in range(min(BATCH_RECORDS, waiting)):
+                self._write(*self._queue.popleft(), now_s)
+            waiting -= BATCH_RECORDS
+            if not self._lossless and not self._closing.is_set():
+                time.sleep(YIELD_S)
 
-    def _views(self, record: Any, log_time_ns: int) -> list[tuple[str, bytes]]:
+    def _write(self, number: int, log_time_ns: int, record: Any, now_s: float) -> None:
+        if type(record) is _Moved:
+            record = record.record()
+        if self._level >= NO_BULK and is_bulk(record):
+            self._shed_disk += 1
+            self._gap = DropRecord(self._gap.first if self._gap else number, number, _LOW)
+            return
+        if self._gap is not None:
+            self._end_gap(log_time_ns, now_s)
         try:
-            return list(self._derived.of(record, log_time_ns))
+            encoded = Encoded(TOPICS[type(record)], number, log_time_ns, self._store.encode(record))
+        except Exception as error:  # a wrong value must cost that record, not the run
+            encoded = self._lost_for(number, log_time_ns, record, error)
+        self._series.add(encoded, now_s)
+        hurried = not self._lossless and len(self._queue) > self._limit // 4
+        if self._level < NO_VIEWS and not hurried:  # views are shed first
+            for topic, data in self._views(record, log_time_ns):
+                self._series.add(Encoded(topic, number, log_time_ns, data, derived=True), now_s)
+
+    def _end_gap(self, log_time_ns: int, now_s: float) -> None:
+        if self._gap is not None:
+            gap, self._gap = self._gap, None
+            self._series.add(
+                Encoded(TOPICS[DropRecord], gap.last, log_time_ns, self._store.encode(gap)), now_s
+            )
+
+    def _views(self, record: Any, log_time_ns: int) -> Iterable[tuple[str, bytes]]:
+        try:
+            return tuple(self._derived.of(record, log_time_ns))
         except Exception as error:  # a view that cannot be drawn must cost nothing else
             self._fault = f"no standard topic for {type(record).__name__}: {error}"
-            return []
+            return ()
 
     def _lost_for(self, number: int, log_time_ns: int, record: Any, error: Exception) -> Encoded:
         cause = f"{type(record).__name__} does not fit its definition: {error}"

@@ -1,10 +1,14 @@
-"""Records that only the log knows: serial bytes, timing and what was lost. All others are the core's."""
+"""Records that only the log knows: serial bytes, timing and what was lost. All others are the core's.
+
+Also which records are bulk: they go first where room or time runs out, so that decisions stay.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from hippomat_core.fields import I64, U8, U32, U64
+from hippomat_core.messages import LIDAR, MapReceived, ScanReceived
 
 FROM_DEVICE, TO_DEVICE = 0, 1
 IDENTIFICATION, RUNNING = 0, 1
@@ -38,3 +42,11 @@ class DropRecord:
     first: U64
     last: U64
     cause: str
+
+
+_BULK = (ScanReceived, MapReceived)
+
+
+def is_bulk(record: object) -> bool:
+    """Scans, grids and the lidar's bytes: nine tenths of a log, and no decision among them."""
+    return isinstance(record, _BULK) or (type(record) is SerialRecord and record.port == LIDAR)

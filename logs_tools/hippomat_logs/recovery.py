@@ -12,15 +12,17 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
-from hippomat_logs.part import PartWriter
+from hippomat_logs.lenient_walk import walk_leniently
+from hippomat_logs.part import RECOVERY_METADATA, PartWriter, our_channels
 from hippomat_logs.reader import mapped, read_raw, reading_store
 from hippomat_logs.records import DropRecord
 from hippomat_logs.schema import CLASSES, TOPICS, MessageStore
 from hippomat_logs.sink import ACTIVE, FileSink, sync_directory
-from hippomat_logs.walk import Contents, RawMessage, walk_leniently
+from hippomat_logs.walk import Contents, RawMessage
 
 RECOVERING = ".recovering"
 DAMAGED = ".damaged"
+SHOWN = 5  # places of damage that are named
 
 
 def recover_directory(directory: Path | str) -> list[str]:
@@ -64,7 +66,7 @@ def recover_active(path: Path, store: MessageStore) -> str:
             return _set_aside(path, "nothing in it could be read")
         if contents.damage:
             _set_aside(path, "")
-            what = "; ".join(contents.damage)
+            what = _shown(contents)
             return f"{name}: recovered, {kept} records kept; {what}; original in {name}{DAMAGED}"
         path.unlink()
         sync_directory(path.parent)
@@ -82,9 +84,7 @@ def _recover_finished(path: Path, store: MessageStore) -> str:
         kept, contents = _rewrite(path, name, store)
         if not contents.manifest:
             raise LogError(f"{path}: nothing in it could be read") from None
-        return (
-            f"{name}: {kept} records of {path.name} kept; {'; '.join(contents.damage) or 'all chunks whole'}"
-        )
+        return f"{name}: {kept} records of {path.name} kept; {_shown(contents) or 'all chunks whole'}"
     return f"{path.name}: whole, nothing to do"
 
 
@@ -114,28 +114,44 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
     """Write what `path` holds into a finished `name` beside it."""
     recovering = path.parent / (name + RECOVERING)
     recovering.unlink(missing_ok=True)  # of a recovery that was itself killed
-    contents, kept = Contents(), 0
+    contents, kept = lenient_contents(store), 0
     writer: PartWriter | None = None
+
+    def opened() -> PartWriter:
+        facts = {**contents.manifest, "recovered": "yes"}
+        sink = FileSink(path.parent, name, RECOVERING)
+        return PartWriter(sink, facts, list(contents.channels.values()), contents.attachments)
+
     with mapped(path) as data:
         try:
             for raw in _numbered(walk_leniently(data, contents), contents, store):
-                if writer is None:
-                    facts = {**contents.manifest, "recovered": "yes"}
-                    sink = FileSink(path.parent, name, RECOVERING)
-                    writer = PartWriter(sink, facts, list(contents.channels.values()), contents.policy)
+                writer = writer or opened()
                 writer.add(raw.topic, raw.number, raw.log_time_ns, raw.data)
                 kept += raw.topic in CLASSES
             if writer is None and contents.manifest:
-                sink = FileSink(path.parent, name, RECOVERING)
-                writer = PartWriter(sink, {**contents.manifest, "recovered": "yes"}, [], contents.policy)
+                writer = opened()
             if writer is not None:
-                writer.finish(None)
+                unverified = {"unverified": str(contents.unverified)} if contents.unverified else {}
+                writer.finish(RECOVERY_METADATA, {"damage": _shown(contents), **unverified})
         except OSError:
             if writer is not None:
                 writer.sink.abandon()
             recovering.unlink(missing_ok=True)  # no room for it; the original stays
             raise
     return kept, contents
+
+
+def lenient_contents(store: MessageStore) -> Contents:
+    """For a walk over what may have lost the description of its channels."""
+    return Contents(expected=dict(enumerate(our_channels(store), start=1)))
+
+
+def _shown(contents: Contents) -> str:
+    """What was passed over, in one line."""
+    shown, more = contents.damage[:SHOWN], len(contents.damage) - SHOWN
+    if contents.unverified:
+        shown.append(f"its last {contents.unverified} messages were saved without a checksum")
+    return "; ".join([*shown, *([f"and {more} more"] if more > 0 else [])])
 
 
 def _numbered(raws: Iterator[RawMessage], contents: Contents, store: MessageStore) -> Iterator[RawMessage]:

@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except HippomatError as error:
         _say_error(error, options.json, console)
         return error.exit_code
-    except (KeyboardInterrupt, BufferError):  # the second where the first strikes inside a memory map
+    except KeyboardInterrupt:
         print("hippomat-replay: interrupted", file=sys.stderr)
         return TOOL_ERROR
     except OSError as error:

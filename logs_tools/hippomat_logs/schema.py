@@ -16,6 +16,8 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hippomat_core import messages
+from hippomat_logs.cdr_encoder import FieldSpec, make_encoder
+from hippomat_logs.cdr_layout import Field, fields_of_type
 from hippomat_logs.records import DropRecord, SerialRecord, TimingRecord
 
 PACKAGE = "hippomat_msgs"
@@ -121,14 +123,11 @@ class MessageStore:
             self._types.types[type_name(kind)] = kind
         self._restore = {kind: _restorer(kind) for kind in kinds}
         self._names = {kind: type_name(kind) for kind in kinds}
+        self._encoders = {kind: make_encoder(_specs(kind)) for kind in TOPICS}
 
     def encode(self, message: object) -> bytes:
-        """CDR bytes of one of our records."""
-        name = self._names[type(message)]
-        try:
-            return bytes(self._types.serialize_cdr(_flat(message), name))
-        except ValueError:  # rosbags wants contiguous arrays; a slice with a step is none
-            return bytes(self._types.serialize_cdr(_contiguous(message), name))
+        """CDR bytes of one of our records; raises ValueError or struct.error where a value does not fit."""
+        return self._encoders[type(message)](message)
 
     def decode(self, kind: type, data: bytes | memoryview) -> Any:
         """The record again; its arrays are read-only."""
@@ -146,6 +145,10 @@ class MessageStore:
         """Class of a standard ROS message, e.g. sensor_msgs/msg/LaserScan."""
         return self._types.types[name]
 
+    def fields(self, name: str) -> tuple[Field, ...]:
+        """The fields of a message by its ROS name."""
+        return fields_of_type(self._types.fielddefs, name)
+
     def schema_text(self, name: str) -> bytes:
         """Concatenated ros2msg definition for a reader that knows only the file."""
         text, _ = self._types.generate_msgdef(name, ros_version=2)
@@ -160,36 +163,14 @@ class MessageStore:
             self.decode(kind, self.encode(blank(kind)))
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class _FlatSerial:
-    """rosbags wants an array where our record has bytes."""
-
-    stamp_ns: int
-    port: int
-    direction: int
-    phase: int
-    crc32: int
-    data: Any
-
-
-def _flat(message: object) -> object:
-    if isinstance(message, SerialRecord):
-        data = np.frombuffer(message.data, np.uint8)
-        m = message
-        return _FlatSerial(m.stamp_ns, m.port, m.direction, m.phase, m.crc32, data)
-    return message
-
-
-def _contiguous(message: Any) -> Any:
-    """The same record with its arrays in one piece each."""
-    if isinstance(message, np.ndarray):
-        return np.ascontiguousarray(message)
-    if isinstance(message, tuple):
-        return tuple(map(_contiguous, message))
-    if not dataclasses.is_dataclass(message) or isinstance(message, type):
-        return message
-    names = [f.name for f in dataclasses.fields(message)]
-    return type(message)(**{name: _contiguous(getattr(message, name)) for name in names})
+def _specs(kind: type) -> tuple[FieldSpec, ...]:
+    """The fields of a class as the encoder wants them."""
+    return tuple(
+        FieldSpec(f.name, f.ros, f.python is bytes, _specs(f.python), f.many)
+        if f.python not in (None, bytes)
+        else FieldSpec(f.name, f.ros, f.python is bytes, (), f.many)
+        for f in fields_of(kind)
+    )
 
 
 def _restorer(kind: type) -> Any:

@@ -111,6 +111,41 @@ class FullDiskSink:
         self._inner.abandon()
 
 
+class PowerCutSink:
+    """A page cache that loses what was not synced: stands in for a plug that is pulled at the worst moment.
+
+    cut() leaves the file as a disk would have it that never wrote early.
+    """
+
+    def __init__(self, directory: Path, name: str) -> None:
+        self._inner = FileSink(directory, name)
+        self._path = directory / (name + ACTIVE)
+        self._synced = 0
+
+    def write(self, data: bytes, /) -> int:
+        return self._inner.write(data)
+
+    def tell(self) -> int:
+        return self._inner.tell()
+
+    def flush(self) -> None:
+        self._inner.flush()
+
+    def sync(self) -> None:
+        self._inner.sync()
+        self._synced = self._inner.tell()
+
+    def finish(self) -> None:
+        self._inner.finish()
+
+    def abandon(self) -> None:
+        self._inner.abandon()
+
+    def cut(self) -> bytes:
+        """What is on the disk now."""
+        return self._path.read_bytes()[: self._synced]
+
+
 def file_sinks(directory: Path) -> SinkOpener:
     """Opener of files in `directory`, which is made if it does not exist."""
     directory.mkdir(parents=True, exist_ok=True)

@@ -1,27 +1,50 @@
 """Read the bytes of one .mcap of ours, believing nothing: every length, checksum and count is checked.
 
 Decides what counts as damage. Knows MCAP records (https://mcap.dev/spec), not what is in the messages.
-Written for our own files only: profile ros2, zstd chunks, checksums of data section, chunks and summary.
+Written for our own files only: profile ros2, zstd chunks, checksums of data section, chunks, summary and
+manifest. What can be had of a damaged file is in lenient_walk.py.
 """
 
 from __future__ import annotations
 
+import mmap
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import zstandard
 
 from hippomat_core.errors import LogError
-from hippomat_logs.part import END_METADATA, POLICY_ATTACHMENT, RUN_METADATA, ChannelSpec
+from hippomat_logs.mcap_writer import (
+    ATTACHMENT,
+    CHANNEL,
+    CHUNK,
+    DATA_END,
+    FOOTER,
+    HEADER,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_INDEX,
+    METADATA,
+    SCHEMA,
+    STATISTICS,
+)
+from hippomat_logs.part import (
+    CHANNELS_KEY,
+    END_METADATA,
+    POLICY_ATTACHMENT,
+    RECOVERY_METADATA,
+    RUN_METADATA,
+    ChannelSpec,
+    channels_crc32,
+    facts_crc32,
+)
 
-MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7
-ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x09, 0x0B, 0x0C, 0x0F
 FOOTER_BYTES, DATA_END_BYTES = 9 + 20, 9 + 4
 MAX_CHUNK_BYTES = 64 << 20
-_PREFIX = struct.Struct("<BQ")
+SLICE_BYTES = 16 << 20  # of a file, in memory at once
+PREFIX = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 
 
@@ -35,16 +58,45 @@ class RawMessage:
 
 @dataclass(slots=True)
 class Contents:
-    """What a walk has met so far; complete when the walk has ended."""
+    """What a walk has met so far; complete when the walk has ended.
 
+    expected: the channels that this version would have written, for files that lost their description.
+    """
+
+    expected: Mapping[int, ChannelSpec] = field(default_factory=dict)
     manifest: dict[str, str] = field(default_factory=dict)
     end: dict[str, str] = field(default_factory=dict)
-    policy: bytes = b""  # safetensors; empty where the allocator has no weights
+    recovery: dict[str, str] = field(default_factory=dict)  # what a recovery kept and could not keep
+    attachments: dict[str, bytes] = field(default_factory=dict)
     channels: dict[int, ChannelSpec] = field(default_factory=dict)
     schemas: dict[int, tuple[str, bytes]] = field(default_factory=dict)
     messages: int = 0
     complete_bytes: int = 0  # everything before this offset was read
     damage: list[str] = field(default_factory=list)  # what a lenient walk passed over
+    unverified: int = 0  # messages of a chunk that was cut: no checksum covers them
+
+    @property
+    def policy(self) -> bytes:
+        """The weights that decided, as safetensors; empty where the allocator has none."""
+        return self.attachments.get(POLICY_ATTACHMENT, b"")
+
+
+def forget(data: memoryview, start: int, end: int) -> None:
+    """Pages of a mapped file that were read no longer count as this process's memory."""
+    if isinstance(data.obj, mmap.mmap):
+        start, end = (at // mmap.PAGESIZE * mmap.PAGESIZE for at in (start, end))
+        if end > start:
+            data.obj.madvise(mmap.MADV_DONTNEED, start, end - start)
+
+
+def crc32_of(data: memoryview, end: int) -> int:
+    """Checksum of data[:end] without holding it in memory."""
+    crc = 0
+    for at in range(0, end, SLICE_BYTES):
+        behind = min(at + SLICE_BYTES, end)
+        crc = zlib.crc32(data[at:behind], crc)
+        forget(data, at, behind)
+    return crc
 
 
 def check_frame(data: memoryview, name: str) -> tuple[int, int]:
@@ -58,22 +110,22 @@ def check_frame(data: memoryview, name: str) -> tuple[int, int]:
     footer = len(data) - len(MAGIC) - FOOTER_BYTES
     if footer < len(MAGIC) or data[-len(MAGIC) :] != MAGIC:
         raise damaged("does not end with MCAP's magic bytes: cut short or damaged")
-    opcode, length = _PREFIX.unpack_from(data, footer)
+    opcode, length = PREFIX.unpack_from(data, footer)
     summary, offsets, summary_crc = struct.unpack_from("<QQI", data, footer + 9)
     if (opcode, length) != (FOOTER, 20) or not len(MAGIC) + DATA_END_BYTES <= summary <= offsets <= footer:
         raise damaged("footer damaged")
     if zlib.crc32(data[summary : footer + 9 + 16]) != summary_crc:
         raise damaged("summary or footer checksum wrong")
     end = summary - DATA_END_BYTES
-    if _PREFIX.unpack_from(data, end) != (DATA_END, 4):
+    if PREFIX.unpack_from(data, end) != (DATA_END, 4):
         raise damaged("end of the data section damaged")
-    if zlib.crc32(data[:end]) != struct.unpack_from("<I", data, end + 9)[0]:
+    if crc32_of(data, end) != struct.unpack_from("<I", data, end + 9)[0]:
         raise damaged("data-section checksum wrong: at least one bit has changed")
     return end, _messages_promised(data, summary, offsets, damaged("summary holds no statistics"))
 
 
 def _messages_promised(data: memoryview, start: int, end: int, missing: LogError) -> int:
-    for opcode, body, _ in _records(data, start, end):
+    for opcode, body, _ in records(data, start, end):
         if opcode == STATISTICS:
             return int(struct.unpack_from("<Q", body)[0])
     raise missing
@@ -82,89 +134,76 @@ def _messages_promised(data: memoryview, start: int, end: int, missing: LogError
 def walk_strictly(data: memoryview, name: str, contents: Contents) -> Iterator[RawMessage]:
     """Every message of a finished file in file order; raises LogError on anything unexpected."""
     end, promised = check_frame(data, name)
-    first = [opcode for (opcode, _, _), _ in zip(_records(data, len(MAGIC), end), range(2), strict=False)]
+    first = [opcode for (opcode, _, _), _ in zip(records(data, len(MAGIC), end), range(2), strict=False)]
     if first != [HEADER, METADATA]:
         raise LogError(f"{name}: has no run manifest behind its header; was it recorded by hippomat?")
-    yield from _walk(data, len(MAGIC), end, contents, None)
+    for at, opcode, body, behind in with_offsets(data, len(MAGIC), end):
+        yield from record(opcode, body, at, contents)
+        contents.complete_bytes = behind
     if not contents.manifest:
         raise LogError(f"{name}: holds no {RUN_METADATA} metadata; was it recorded by hippomat?")
     if contents.messages != promised:
         raise LogError(f"{name}: {contents.messages} messages read, but its summary promises {promised}")
 
 
-def walk_leniently(data: memoryview, contents: Contents) -> Iterator[RawMessage]:
-    """Every message that can be had: whole chunks with a right checksum, and the head of a cut last chunk.
-
-    What was passed over is in contents.damage.
-    """
-    if data[: len(MAGIC)] != MAGIC:
-        contents.damage.append("no MCAP magic at the start")
-        return
-    try:
-        yield from _walk(data, len(MAGIC), len(data), contents, contents.damage)
-    except (LogError, struct.error, UnicodeDecodeError) as error:
-        contents.damage.append(str(error))
+def with_offsets(data: memoryview, start: int, end: int) -> Iterator[tuple[int, int, memoryview, int]]:
+    """(offset, opcode, body, offset behind it) of the records in data[start:end]."""
+    forgotten = at = start
+    for opcode, body, behind in records(data, start, end):
+        yield at, opcode, body, behind
+        at = behind
+        if at - forgotten > SLICE_BYTES:
+            forget(data, forgotten, at)
+            forgotten = at
 
 
-def _records(data: memoryview, start: int, end: int) -> Iterator[tuple[int, memoryview, int]]:
+def records(data: memoryview, start: int, end: int) -> Iterator[tuple[int, memoryview, int]]:
     """(opcode, body, offset behind it) of the records in data[start:end]."""
     at = start
     while at < end:
         if at + 9 > end:
             raise LogError(f"record at byte {at} is cut short")
-        opcode, length = _PREFIX.unpack_from(data, at)
+        opcode, length = PREFIX.unpack_from(data, at)
         if length > end - at - 9:
             raise LogError(f"record at byte {at} (opcode {opcode}, {length} bytes) is cut short")
         yield opcode, data[at + 9 : at + 9 + length], at + 9 + length
         at += 9 + length
 
 
-def _walk(
-    data: memoryview, start: int, end: int, contents: Contents, damage: list[str] | None
-) -> Iterator[RawMessage]:
-    """Walk records; with `damage` given, bad chunks are noted there and a cut last chunk is salvaged."""
-    at = start
-    try:
-        for opcode, body, behind in _records(data, start, end):
-            if opcode == DATA_END:
-                return
-            if opcode == CHUNK:
-                inside = _chunk(body, at, damage)
-                if inside is not None:
-                    yield from _inside(memoryview(inside), contents)
-            elif opcode == METADATA:
-                _metadata(body, contents)
-            elif opcode == ATTACHMENT:
-                _attachment(body, at, contents, damage)
-            elif opcode not in (HEADER, MESSAGE_INDEX):
-                raise LogError(f"record at byte {at} has opcode {opcode}, which our logs never hold there")
-            at = contents.complete_bytes = behind
-    except LogError:
-        if damage is None:
-            raise
-        damage.append(f"nothing whole behind byte {at} of {end}")
-        yield from _salvage(data[at:end], contents)
+def record(opcode: int, body: memoryview, at: int, contents: Contents) -> Iterator[RawMessage]:
+    """One record of the data section; its lengths must agree: a damaged head is no harmless record."""
+    if opcode == CHUNK:
+        yield from messages_inside(memoryview(inflated(body, at)), contents)
+    elif opcode == METADATA:
+        _metadata(body, at, contents)
+    elif opcode == ATTACHMENT:
+        _attachment(body, at, contents)
+    elif opcode == MESSAGE_INDEX:
+        if len(body) < 6 or struct.unpack_from("<I", body, 2)[0] != len(body) - 6:
+            raise LogError(f"message index at byte {at} has an impossible length")
+    elif opcode == HEADER:
+        if string_of(body, string_of(body, 0)[1])[1] != len(body):
+            raise LogError("file header damaged")
+    else:
+        raise LogError(f"record at byte {at} has opcode {opcode}, which our logs never hold there")
 
 
-def _chunk(body: memoryview, at: int, damage: list[str] | None) -> bytes | None:
-    """Uncompressed records of a chunk, or None if it is bad and `damage` is there to take the note."""
+def inflated(body: memoryview, at: int) -> bytes:
+    """Uncompressed records of a chunk, checked."""
     try:
-        size, crc, compressed = _chunk_head(body)
+        size, crc, compressed = chunk_head(body)
         stored = struct.unpack_from("<Q", body, compressed - 8)[0]
         if stored != len(body) - compressed or size > MAX_CHUNK_BYTES:
-            raise LogError(f"chunk at byte {at} has impossible sizes")
+            raise LogError("impossible sizes")
         inside = zstandard.ZstdDecompressor().decompress(bytes(body[compressed:]), max_output_size=size)
         if len(inside) != size or zlib.crc32(inside) != crc:
-            raise LogError(f"chunk at byte {at} has a wrong checksum")
+            raise LogError("wrong checksum")
         return inside
     except (LogError, struct.error, zstandard.ZstdError) as error:
-        if damage is None:
-            raise LogError(f"chunk at byte {at}: {error}") from None
-        damage.append(f"chunk at byte {at} passed over: {error}")
-        return None
+        raise LogError(f"chunk at byte {at}: {error}") from None
 
 
-def _chunk_head(body: memoryview) -> tuple[int, int, int]:
+def chunk_head(body: memoryview) -> tuple[int, int, int]:
     """(uncompressed size, checksum, offset of the compressed bytes)."""
     size, crc, length = struct.unpack_from("<QII", body, 16)
     if bytes(body[32 : 32 + length]) != b"zstd":
@@ -172,13 +211,13 @@ def _chunk_head(body: memoryview) -> tuple[int, int, int]:
     return size, crc, 32 + length + 8
 
 
-def _inside(inside: memoryview, contents: Contents) -> Iterator[RawMessage]:
+def messages_inside(inside: memoryview, contents: Contents) -> Iterator[RawMessage]:
     channels = contents.channels
-    for opcode, body, _ in _records(inside, 0, len(inside)):
+    for opcode, body, _ in records(inside, 0, len(inside)):
         if opcode == MESSAGE:
             channel, number, log_time_ns, _ = _MESSAGE.unpack_from(body)
             if channel not in channels:
-                raise LogError(f"message on channel {channel}, which no whole chunk describes")
+                _take_expected(channel, contents)
             contents.messages += 1
             yield RawMessage(number, log_time_ns, channels[channel].topic, bytes(body[22:]))
         elif opcode == SCHEMA:
@@ -189,69 +228,76 @@ def _inside(inside: memoryview, contents: Contents) -> Iterator[RawMessage]:
             raise LogError(f"record with opcode {opcode} inside a chunk")
 
 
-def _salvage(tail: memoryview, contents: Contents) -> Iterator[RawMessage]:
-    """Messages at the head of a chunk whose end is missing; no checksum covers them."""
-    if len(tail) < 9 or tail[0] != CHUNK:
-        return
-    try:
-        _, _, compressed = _chunk_head(tail[9:])
-        inside = zstandard.ZstdDecompressor().decompressobj().decompress(bytes(tail[9 + compressed :]))
-        yield from _inside(memoryview(inside), contents)
-    except (LogError, struct.error, zstandard.ZstdError):
-        return
+def _take_expected(channel: int, contents: Contents) -> None:
+    """The first chunk describes all channels. Without it ours will do, if the manifest says so."""
+    expected = contents.expected
+    known = contents.manifest.get(CHANNELS_KEY) == channels_crc32(list(expected.values()))
+    if channel not in expected or not known:
+        raise LogError(f"message on channel {channel}, which no whole chunk describes")
+    contents.channels.update(expected)
 
 
-def _string(body: memoryview, at: int) -> tuple[str, int]:
+def string_of(body: memoryview, at: int) -> tuple[str, int]:
     (length,) = struct.unpack_from("<I", body, at)
     if at + 4 + length > len(body):
         raise LogError("string is longer than its record")
     return bytes(body[at + 4 : at + 4 + length]).decode(), at + 4 + length
 
 
-def _pairs(body: memoryview, at: int) -> dict[str, str]:
+def pairs_of(body: memoryview, at: int) -> dict[str, str]:
     (length,) = struct.unpack_from("<I", body, at)
     at, end = at + 4, at + 4 + length
+    if end != len(body):
+        raise LogError("key-value pairs are not as long as their record")
     pairs: dict[str, str] = {}
     while at < end:
-        key, at = _string(body, at)
-        pairs[key], at = _string(body, at)
+        key, at = string_of(body, at)
+        pairs[key], at = string_of(body, at)
     return pairs
 
 
-def _metadata(body: memoryview, contents: Contents) -> None:
-    name, at = _string(body, 0)
+def metadata_of(body: memoryview, at: int) -> tuple[str, dict[str, str]]:
+    """Name and pairs of the metadata at byte `at`. MCAP has no checksum for them; ours carry one."""
+    name, behind = string_of(body, 0)
+    pairs = pairs_of(body, behind)
+    crc = pairs.pop("crc32", None)
+    if crc is not None and crc != facts_crc32(pairs):
+        raise LogError(f"metadata {name} at byte {at}: wrong checksum")
+    return name, pairs
+
+
+def _metadata(body: memoryview, at: int, contents: Contents) -> None:
+    name, pairs = metadata_of(body, at)
     if name == RUN_METADATA:
-        contents.manifest.update(_pairs(body, at))
+        contents.manifest.update(pairs)
     elif name == END_METADATA:
-        contents.end.update(_pairs(body, at))
+        contents.end.update(pairs)
+    elif name == RECOVERY_METADATA:
+        contents.recovery.update(pairs)
 
 
-def _attachment(body: memoryview, at: int, contents: Contents, damage: list[str] | None) -> None:
-    """The weights, if it is those; bad ones are passed over if `damage` is there to take the note."""
+def _attachment(body: memoryview, at: int, contents: Contents) -> None:
     try:
-        name, behind = _string(body, 16)
-        _, behind = _string(body, behind)
+        name, behind = string_of(body, 16)
+        _, behind = string_of(body, behind)
         (length,) = struct.unpack_from("<Q", body, behind)
         if length != len(body) - behind - 12 or zlib.crc32(body[:-4]) != struct.unpack("<I", body[-4:])[0]:
             raise LogError("wrong length or checksum")
-        if name == POLICY_ATTACHMENT:
-            contents.policy = bytes(body[behind + 8 : -4])
     except (LogError, struct.error, UnicodeDecodeError) as error:
-        if damage is None:
-            raise LogError(f"attachment at byte {at}: {error}") from None
-        damage.append(f"attachment at byte {at} passed over: {error}")
+        raise LogError(f"attachment at byte {at}: {error}") from None
+    contents.attachments[name] = bytes(body[behind + 8 : -4])
 
 
 def _schema(body: memoryview, contents: Contents) -> None:
     (number,) = struct.unpack_from("<H", body)
-    name, at = _string(body, 2)
-    _, at = _string(body, at)
+    name, at = string_of(body, 2)
+    _, at = string_of(body, at)
     contents.schemas[number] = name, bytes(body[at + 4 :])
 
 
 def _channel(body: memoryview, contents: Contents) -> None:
     number, schema = struct.unpack_from("<HH", body)
-    topic, at = _string(body, 4)
-    _, at = _string(body, at)
+    topic, at = string_of(body, 4)
+    _, at = string_of(body, at)
     name, definition = contents.schemas[schema]
-    contents.channels[number] = ChannelSpec(topic, name, definition, tuple(_pairs(body, at).items()))
+    contents.channels[number] = ChannelSpec(topic, name, definition, tuple(pairs_of(body, at).items()))

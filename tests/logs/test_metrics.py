@@ -121,7 +121,7 @@ def test_info_shows_what_a_log_holds(logs: Path, capsys: pytest.CaptureFixture[s
         ([], 1, "COMMAND"),
         (["info"], 1, "LOG"),
         (["frobnicate"], 1, "frobnicate"),
-        (["info", "{tmp}/none.mcap"], 1, "cannot be opened"),
+        (["info", "{tmp}/none.mcap"], 1, "no such file"),
         (["metrics", "{tmp}"], 1, "holds no .mcap file"),
         (["recover", "{tmp}/none"], 1, "no such file"),
         (["recover", "{tmp}"], 0, "nothing to recover"),

@@ -17,10 +17,11 @@ from recorded_run import RecordedRun, record_run
 
 from hippomat_core import messages as m
 from hippomat_core.errors import HippomatError
+from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.reader import mapped, open_runs, read_records
 from hippomat_logs.recovery import recover, recover_directory
 from hippomat_logs.replay import ReplayOptions, replay_run
-from hippomat_logs.walk import Contents, walk_leniently
+from hippomat_logs.walk import Contents
 
 RECORDING = """
 import sys, time

@@ -25,6 +25,8 @@ examples:
   hippomat-bench slam intel_raw_odometry.log.gz --picture map.png
   hippomat-bench tables --out build/tables --resume
   hippomat-bench tables --only fixed --methods graphsage,greedy --agents 5,10 --episodes 200
+  hippomat-bench logs runs/robot03_*.mcap
+  hippomat-bench logs --large
 """
 
 
@@ -65,6 +67,13 @@ _COMMANDS = (
         "values, fixed and continuous tasks, what learning adds, losses, larger fleets, permuted slots.\n"
         "Writes Markdown, CSV, JSON and pictures; what was measured stays in a file, and --resume goes on\n"
         "from there.",
+    ),
+    _Command(
+        "logs",
+        "reading logs beside other readers, what recording costs",
+        "Decodes every message of a log with our reader, rosbags, mcap and mcap_ros2, each in a process of\n"
+        "its own; records as a robot of ten does, in real time beside a loop that works; and, with --large,\n"
+        "summarises a log of gigabytes.",
     ),
 )
 

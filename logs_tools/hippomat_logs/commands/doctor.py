@@ -1,0 +1,69 @@
+"""hippomat-logs doctor: every fault of every log, named. Exit code 3 if anything is damaged or missing."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from hippomat_logs.each_file import each_file
+from hippomat_logs.examination import DAMAGE, LOSS, Examination, between_parts, examine
+from hippomat_logs.opened_run import log_files
+from hippomat_logs.report import DAMAGED, REPRODUCED
+from hippomat_logs.sink import ACTIVE
+
+SHOWN = 20
+_COLOURS = {DAMAGE: "red", LOSS: "red"}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("paths", nargs="+", type=Path, metavar="LOG", help="logs, or directories of logs")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    paths = list(dict.fromkeys(path for one in options.paths for path in _with_unfinished(one)))
+    examined = [found for _, found in each_file(paths, examine, "examining")]
+    between = between_parts(examined)
+    sound = all(found.sound for found in examined) and not between
+    if options.json:
+        facts = {"files": [_as_json(found) for found in examined], "runs": between, "sound": sound}
+        print(json.dumps(facts, indent=2))
+    else:
+        for found in examined:
+            _show(found, console)
+        for line in between:
+            console.print("[red]loss[/red]    ", end="")
+            console.print(line, markup=False)
+        good = sum(found.sound for found in examined)
+        console.print(f"{good} of {len(examined)} files are sound")
+    return REPRODUCED if sound else DAMAGED
+
+
+def _with_unfinished(path: Path) -> list[Path]:
+    """Logs in a directory, those that were never finished too."""
+    unfinished = sorted(path.rglob(f"*.mcap{ACTIVE}")) if path.is_dir() else []
+    try:
+        return [*log_files(path), *unfinished]
+    except Exception:
+        if unfinished:
+            return unfinished
+        raise
+
+
+def _show(found: Examination, console: Console) -> None:
+    verdict = "sound" if found.sound else "[red]not sound[/red]"
+    console.print(f"[bold]{found.path.name}[/bold]: {verdict}, {found.records:,} messages examined")
+    for (kind, text), count in list(found.faults.items())[:SHOWN]:
+        console.print(f"  [{_COLOURS.get(kind, 'yellow')}]{kind}[/]{' ' * (8 - len(kind))}", end="")
+        console.print(f"{text}{f' ({count} times)' if count > 1 else ''}", markup=False)
+    if len(found.faults) > SHOWN:
+        console.print(f"  and {len(found.faults) - SHOWN} more (all with --json)")
+
+
+def _as_json(found: Examination) -> dict[str, Any]:
+    faults = [{"kind": kind, "text": text, "times": n} for (kind, text), n in found.faults.items()]
+    return {"file": str(found.path), "sound": found.sound, "messages": found.records, "faults": faults}
