@@ -67,6 +67,16 @@ class OccupancyGrid:
             self.origin_y_m + (iy + 0.5) * self.resolution_m,
         )
 
+    def cropped(self) -> OccupancyGrid:
+        """The part that holds every known cell; itself where none is known."""
+        iy, ix = np.nonzero(self.cells != UNKNOWN)
+        if not len(ix):
+            return self
+        low_x, low_y = int(ix.min()), int(iy.min())
+        cells = np.ascontiguousarray(self.cells[low_y : iy.max() + 1, low_x : ix.max() + 1])
+        left_m = self.origin_x_m + low_x * self.resolution_m
+        return OccupancyGrid(cells, self.resolution_m, left_m, self.origin_y_m + low_y * self.resolution_m)
+
     def holds(self, ix: int, iy: int) -> bool:
         """True where (ix, iy) is a cell of this grid."""
         return 0 <= ix < self.width and 0 <= iy < self.height

@@ -93,7 +93,7 @@ def _of_our_map(
     stamps_s = np.array([scan.stamp_s for scan in log.scans])
     errors = {}
     if relations:
-        for name, poses in (("final", slam.final), ("online", slam.online)):
+        for name, poses in (("final", slam.map.final), ("online", slam.map.online)):
             scans = trajectory_of(stamps_s, poses)
             whole = with_odometry_between(scans, between, options.time_offset) if between else None
             errors[name] = _errors(relations, scans, whole)
@@ -124,13 +124,13 @@ def _mapped(log: CarmenLog, with_odometry: bool) -> SlamRun:
 
 
 def _write(options: argparse.Namespace, slam: SlamRun) -> None:
-    grid = slam.evidence.grid()
+    grid = slam.map.evidence.grid()
     if options.map is not None:
         save_map(grid, options.map)
     if options.picture is not None:
-        from hippomat_sim.bench.slam_picture import draw  # here, because matplotlib loads slowly
+        from hippomat_logs.map_picture import draw  # here, because matplotlib loads slowly
 
-        draw(grid, slam.final, options.log.name, options.picture)
+        draw(grid, slam.map.final, options.log.name, options.picture)
     for path in (options.map, options.picture):
         if path is not None:
             print(f"written: {path}", file=sys.stderr if options.json else sys.stdout)

@@ -85,7 +85,7 @@ def _show_run(run: SlamRun, scans: int, console: Console) -> None:
     figures = _figures(run)
     table = plain_table(
         f"{scans} scans, {figures['keyframes']} keyframes, {figures['loops']} links in the final map, "
-        f"{run.unmatched} scans without a match",
+        f"{run.map.unmatched} scans without a match",
         "step",
         "times",
         "median ms",
@@ -106,9 +106,9 @@ def _show_run(run: SlamRun, scans: int, console: Console) -> None:
 def _figures(run: SlamRun) -> dict[str, Any]:
     costs = run.costs
     return {
-        "keyframes": len(run.graph),
-        "loops": len(run.graph.loops),
-        "unmatched": run.unmatched,
+        "keyframes": len(run.map.graph),
+        "loops": len(run.map.graph.loops),
+        "unmatched": run.map.unmatched,
         "scan_ms": _times(costs.scan_ms),
         "solution_ms": _times(costs.solution_ms),
         "worker_ms": _times(costs.worker_ms),
