@@ -17,8 +17,10 @@ from recorded_run import record_run
 
 from hippomat_core import messages as m
 from hippomat_core.config import LogConfig
+from hippomat_core.errors import LogError
 from hippomat_logs.cli import main
 from hippomat_logs.examination import DAMAGE, LOSS, REMARK, Examination, examine
+from hippomat_logs.reader import open_runs
 from hippomat_logs.recovery import recover_directory
 
 
@@ -177,3 +179,9 @@ def test_info_goes_on_where_one_log_is_broken(
     facts = json.loads(capsys.readouterr().out)["runs"][0]
     assert facts["topics"]["/hippo/event/tick"]["messages"] == 20
     assert np.isclose(facts["seconds"], 0.96, atol=0.1)
+
+
+def test_a_log_of_somebody_else_is_called_that_and_not_damaged():
+    bag = data_folder() / "bags" / "talker.mcap"
+    with pytest.raises(LogError, match="was not recorded by hippomat"):
+        open_runs([bag])
