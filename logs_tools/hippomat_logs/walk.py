@@ -121,7 +121,7 @@ def check_frame(data: memoryview, name: str) -> tuple[int, int]:
         raise damaged("end of the data section damaged")
     (said,) = struct.unpack_from("<I", data, end + 9)
     if not said:  # allowed by MCAP; no log of ours
-        text = "was not recorded by hippomat (it has no checksum of its data); `hippomat-logs info` reads any log"
+        text = "was not recorded by hippomat (its data has no checksum); `hippomat-logs info` reads any log"
         raise LogError(f"{name}: {text}")
     if crc32_of(data, end) != said:
         raise damaged("data-section checksum wrong: at least one bit has changed")
