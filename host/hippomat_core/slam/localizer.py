@@ -31,7 +31,7 @@ START_SIGMA = (0.1, math.radians(5.0))  # how a person puts a robot on its mark
 FOUND_SIGMA = (0.1, math.radians(3.0))
 CLOSER = Search(0.2, math.radians(4.0))  # around a place that the search of the whole map names
 WIDEST = Search(0.4, math.radians(15.0))
-# A place could be it as well whose misfit is below 2.5 times the best one's (plus 0.02) and 0.12 more than it.
+# A place could be it as well whose misfit is below 2.5 times the best one's (plus 0.02) and it plus 0.12.
 ALIKE, SLACK, BEHIND = 2.5, 0.02, 0.12
 SAME_M, SAME_RAD = 0.5, math.radians(20.0)  # two poses nearer than this are one place
 NEVER = -1
