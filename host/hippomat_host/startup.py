@@ -30,7 +30,7 @@ from hippomat_host.loop_solver import LoopSolver
 from hippomat_host.reactor import Reactor, RealReactor, StopSignal
 from hippomat_host.ros.links import FeedLink, RosBaseLink
 from hippomat_host.screen import Screen, screen_for
-from hippomat_host.warm_up import prepare_allocator, prepare_localizer, prepare_mapper
+from hippomat_host.warm_up import prepare_allocator, prepare_control, prepare_localizer, prepare_mapper
 from hippomat_logs.manifest import new_session_id, run_manifest
 from hippomat_logs.map_sources import map_from
 from hippomat_logs.policy_files import policy_name, policy_of
@@ -54,6 +54,7 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
         prepare_localizer(partial(print, flush=True))
     if config.slam.mode == "map":
         prepare_mapper(partial(print, flush=True))
+    prepare_control(config, partial(print, flush=True))
     links = make_links(config, given)
     try:
         with StopSignal() as stop, closing_all(links):

@@ -1,4 +1,4 @@
-"""Let allocator and localizer work once before the ports open: what numba compiles must not stall a robot.
+"""Decide and drive once before the ports open: what numba compiles must not stall the first round or tick.
 
 Takes seconds to a minute where nothing was compiled yet, and milliseconds from compiled code that was kept.
 """
@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator
 
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.warm_up import warm_up
-from hippomat_core.config import FleetConfig
+from hippomat_core.config import Config, FleetConfig
+from hippomat_core.control.warm_up import warm_up as warm_up_control
 from hippomat_core.slam import warm_up as slam
 from hippomat_core.slam.mapper_warm_up import warm_up_mapper
 from hippomat_logs.policy_files import naming, policy_name
@@ -38,6 +39,12 @@ def prepare_mapper(say: Callable[[str], None]) -> None:
     """Says so if it takes long."""
     with told_if_slow("compiling the mapper", say):
         warm_up_mapper()
+
+
+def prepare_control(config: Config, say: Callable[[str], None]) -> None:
+    """The same for path following and the scan guard."""
+    with told_if_slow("compiling the control kernels", say):
+        warm_up_control(config)
 
 
 @contextlib.contextmanager

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.warm_up import warm_up
 from hippomat_core.config import Config
+from hippomat_core.control.warm_up import warm_up as warm_up_control
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.planning.ground import ground_of
@@ -158,6 +159,7 @@ class FleetRun:
         warm_up(allocator, fleet.size, fleet.task_slots)
         if self.config.slam.mode == "auto":
             warm_up_localizer()
+        warm_up_control(self.config)
 
     def _order(self, robot: int) -> DaemonOrder:
         x_m, y_m, yaw_rad = self.starts[robot].tolist()
