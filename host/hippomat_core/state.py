@@ -132,6 +132,11 @@ class State:
         return self.odometry.pose if self.external_pose is None else self.ros.odom
 
     @property
+    def moved_ns(self) -> int:
+        """When the base last said where it is: motion since then is unknown."""
+        return self.odometry.stamp_ns if self.external_pose is None else self.ros.moved_ns
+
+    @property
     def velocity(self) -> tuple[float, float]:
         """Measured (v [m/s], wz [rad/s]), base frame."""
         if self.external_pose is not None:

@@ -76,11 +76,11 @@ def _guarded(
     state: State, now_ns: int, peers: list[PeerMotion], outcome: NavOutcome, effects: list[Effect]
 ) -> State:
     """Command what the guard lets through; the next command starts from that."""
-    odometry, scan, navigator = state.odometry, state.scan, state.navigator
+    scan, navigator = state.scan, state.navigator
     late = Lateness(
         scan_s=0.0 if scan is None else max(now_ns - scan.stamp_ns, 0) / 1e9,
-        odometry_s=max(now_ns - odometry.stamp_ns, 0) / 1e9,
-        v_mps=odometry.v_mps,
+        odometry_s=max(now_ns - state.moved_ns, 0) / 1e9,
+        v_mps=state.velocity[0],
     )
     wanted_v, wanted_wz = outcome.v_mps, outcome.wz_radps
     safe = guard(_seen(state), wanted_v, wanted_wz, _discs(state, peers), state.config, late)

@@ -132,17 +132,18 @@ def _instruct(
     daemon: DaemonProcess,
     progress: Callable[[str, int], None],
 ) -> None:
+    ros = run.config.ros  # reading it is slow
     if bridge is not None:
-        _wait_for_subscriptions(bridge, run.config.ros)
+        _wait_for_subscriptions(bridge, ros)
     last_ns = done = 0
     for record in run.records_in_order(TOLD):
-        told = instruction(record.message, run.config.ros, run.store)
+        told = instruction(record.message, ros, run.store)
         if told is None:
             continue
         if isinstance(record.message, SerialRecord):
             ports.ports[record.message.port].offer(record.message.data)
-        elif bridge is not None and is_of_ros(record.message, run.config.ros):
-            bridge.say_event(topic_of(record.message, run.config.ros), record.message)
+        elif bridge is not None and is_of_ros(record.message, ros):
+            bridge.say_event(topic_of(record.message, ros), record.message)
         last_ns = int(told["at"])
         _tell(told, connection, ports, daemon)
         done += 1

@@ -126,15 +126,14 @@ class RosRobot(threading.Thread):
 
 
 @contextlib.contextmanager
-def ros_robot(directory: Path, *more: str, ros: int = ROS2, with_map: bool = True) -> Iterator[RosRobot]:
+def ros_robot(directory: Path, *more: str, ros: int = ROS2) -> Iterator[RosRobot]:
     """A robot whose daemon is not started yet; everything has ended afterwards."""
     with FakeRosbridge(ros) as bridge:
         for name, kind in (("/tf", TF), ("/scan", SCAN), ("/odom", ODOMETRY)):
             bridge.topic(name, kind)
         for name, kind in (("/map", MAP), ("/tf_static", TF)):
             bridge.topic(name, kind, latched=True)
-        if with_map:
-            bridge.say_event("/map", map_event(room()))
+        bridge.say_event("/map", map_event(room()))
         robot = RosRobot(directory, bridge, *more)
         with plugged(robot.radio):
             robot.start()
@@ -154,5 +153,5 @@ def driving_ros_robot(directory: Path, *more: str, ros: int = ROS2) -> Iterator[
     """A robot whose daemon drives it to a task."""
     with ros_robot(directory, *more, ros=ros) as robot:
         robot.run_daemon()
-        assert wait_until(robot.drives, 40.0), robot.said()
+        assert wait_until(robot.drives, 90.0), robot.said()
         yield robot

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_ros_feed import MS, scan, transform
+from ros_samples import MS, scan, transform
 
 from hippomat_core.config import Config, FleetConfig, RobotConfig, RosConfig, config_from_dict
 from hippomat_core.errors import ConfigError
@@ -96,6 +96,7 @@ def test_with_everything_from_ros_nothing_is_missing_but_the_radio():
     assert robot.faults() == {"radio_lost"}
     pose = [effect for effect in robot.effects if isinstance(effect, PoseEstimated)][-1]
     assert (pose.x_m, pose.y_m, pose.source) == (1.0, 0.0, "ros")
+    assert robot.state.moved_ns == 4950 * MS  # what the guard takes for the age of what it knows of motion
 
 
 @pytest.mark.parametrize(

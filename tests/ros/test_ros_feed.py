@@ -9,43 +9,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from ros_samples import MS, OFFSET_NS, scan, transform
 
 from hippomat_core.config import RosConfig
-from hippomat_core.messages import LaserScanReceived, OdometryReceived, TransformReceived
+from hippomat_core.messages import OdometryReceived
 from hippomat_core.ros.clock import RosClock
 from hippomat_core.ros.feed import RosFeed, with_odometry, with_scan, with_transform
 from hippomat_core.ros.transforms import HERE, Rigid, Transforms, composed
 
 ROS = RosConfig(url="ws://x")
-MS = 1_000_000
-OFFSET_NS = -1_700_000_000_000 * MS  # our clock minus ROS's
 angles = st.floats(-3.1, 3.1)
 metres = st.floats(-50.0, 50.0)
 poses = st.tuples(metres, metres, angles)
 quaternions = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: sum(v * v for v in q) > 0.1)
-
-
-def transform(
-    parent: str,
-    child: str,
-    at_ms: float,
-    pose=(0.0, 0.0, 0.0),
-    fixed=False,
-    ahead_ms=0.0,
-    late_ms=0.0,
-    z_m=0.0,
-) -> TransformReceived:
-    stamp_ns = round(at_ms * MS)
-    ros_ns = stamp_ns - OFFSET_NS + round((ahead_ms - late_ms) * MS)
-    x_m, y_m, yaw_rad = pose
-    turn = (0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2))
-    return TransformReceived(stamp_ns, ros_ns, parent, child, fixed, x_m, y_m, z_m, *turn)
-
-
-def scan(at_ms: float, ranges, frame="laser", late_ms=0.0, low=-math.pi / 2, step=math.pi / 2):
-    stamp_ns = round(at_ms * MS)
-    ros_ns = stamp_ns - OFFSET_NS - round(late_ms * MS)
-    return LaserScanReceived(stamp_ns, ros_ns, frame, low, step, 0.0, 0.1, 10.0, np.array(ranges, np.float32))
 
 
 def fed(*events, feed=None, ros=ROS) -> RosFeed:

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
@@ -59,7 +59,6 @@ def read(kind, message, event):
     return list(events_of(kind, message, getattr(event, "fixed", False)))
 
 
-@settings(max_examples=300)
 @given(events)
 def test_what_is_said_in_any_form_is_what_is_understood(event):
     kind, message = message_of(DIALECT, event)
@@ -74,7 +73,6 @@ def test_what_is_said_in_any_form_is_what_is_understood(event):
         assert list(differences(event, understood)) == [], name
 
 
-@settings(max_examples=200)
 @given(events, st.sampled_from((ROS1, ROS2)))
 def test_bytes_tell_which_ros_made_them(event, ros):
     kind, message = message_of(DIALECT, event)
@@ -93,7 +91,6 @@ def test_a_ros_1_message_whose_counter_looks_like_cdr_is_understood():
     assert list(differences(scan, read(kind, fresh.decode(kind, data), scan)[0])) == []
 
 
-@settings(max_examples=300)
 @given(st.binary(max_size=200), st.sampled_from(TYPES))
 def test_garbage_is_undecodable_or_a_message_but_never_a_crash(data, kind):
     for head in (b"", b"\x00\x01\x00\x00"):

@@ -22,7 +22,7 @@ from hippomat_core.messages import Event, LaserScanReceived, OdometryReceived
 from hippomat_host.base_guard import report
 from hippomat_host.ros.intake import Intake
 from hippomat_logs.ros.client import Rosbridge
-from hippomat_logs.ros.rosbridge import unsubscribe
+from hippomat_logs.ros.rosbridge import cbor, unsubscribe
 
 WAIT_S = 0.1
 AGAIN_S = 3.0  # rosbridge takes the QoS of whoever publishes then: a subscription made too early stays empty
@@ -53,6 +53,8 @@ class Outbox:
 
 def run(ros: RosConfig, daemon: Connection) -> None:
     """Until the daemon is gone; raises PortError when the connection is, OSError when the daemon is."""
+    if ros.encoding != "json":
+        cbor()  # what is not installed is said now, not at the first message
     intake, outbox = Intake(ros), Outbox(daemon)
     with Rosbridge(ros.url) as bridge:
         for topic in intake.topics:
