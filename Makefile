@@ -8,6 +8,7 @@ PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet -c const
 SOURCES := pyproject.toml constraints.txt
 
 export HIPPOMAT_DATA ?= $(abspath ../shared/data)
+LIDAR := $(HIPPOMAT_DATA)/lidar
 
 .PHONY: demo test lint check bench results fuzz firmware-native idf-check format clean
 
@@ -28,6 +29,8 @@ check: lint test
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m benchmarks
+	$(BIN)/hippomat-bench slam $(LIDAR)/intel_raw_odometry.log.gz --relations $(LIDAR)/intel.relations \
+	  --between $(LIDAR)/intel.gfs.log.gz --time-offset 976052857.337284
 
 # docs/results.md, its CSV and its pictures: trains what is missing in build/runs (the paper's networks for one fleet
 # size each; STEPS=N agent steps instead of the usual), then measures everything: an hour or two on two cores.

@@ -13,7 +13,7 @@ from scan_rooms import CORRIDOR, HALL, in_map, scan, walls_of
 from hippomat_core.errors import MapError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.slam.likelihood_field import field_of_grid, field_of_points
-from hippomat_core.slam.matcher import Search, match
+from hippomat_core.slam.matcher import Search, Trust, match
 
 WALLS = walls_of(HALL)
 SEEN_FROM = [(0.0, 0.0, 0.0), (-1.0, 0.5, 0.4), (2.2, -0.8, -1.0), (1.5, 2.0, 2.0)]
@@ -129,6 +129,37 @@ def test_of_equal_poses_the_guess_is_kept():
     found = match(field, np.concatenate([points, points - [0.0, 2.0]]), (0.025, 0.125, 0.0))
     assert abs(found.pose[0] - 0.025) < 1e-6
     assert abs(found.pose[1] - 0.025) < 1e-3
+
+
+@given(place, offset, st.integers(0, 2**32 - 1))
+@settings(max_examples=15)
+def test_a_guess_is_left_as_far_as_it_is_not_trusted(true, wrong, seed):
+    points, guess = scan(WALLS, true, seed=seed), np.add(true, wrong)
+    alone = match(FIELD, points, guess)
+    doubted = match(FIELD, points, guess, trust=Trust(100.0, 100.0))
+    believed = match(FIELD, points, guess, trust=Trust(1e-4, 1e-4))
+    assert np.allclose(doubted.pose, alone.pose, atol=2e-3)
+    assert np.allclose(believed.pose, guess, atol=2e-3)
+
+
+@given(place, st.integers(0, 2**32 - 1))
+@settings(max_examples=10)
+def test_the_search_finds_the_best_pose_of_a_trusted_guess_too(true, seed):
+    """Fit less the pull to the guess, in units of a log likelihood, against looking at every pose."""
+    points, trust = scan(WALLS, true, beams=60, seed=seed), Trust(0.05, 0.1)
+    guess, fixed = np.add(true, [0.2, -0.15, 0.0]), Search(xy_m=0.0, yaw_rad=0.0)
+    worth = len(points) * (FIELD.sigma_m / 0.03) ** 2 / 10.0
+
+    def gain(pose, score):
+        return score * worth - 0.5 * (((pose - guess) ** 2) * trust.information).sum()
+
+    found = match(FIELD, points, guess, Search(xy_m=0.3, yaw_rad=0.0), trust)
+    others = [np.add(guess, [0.05 * i, 0.05 * j, 0.0]) for i in range(-6, 7) for j in range(-6, 7)]
+    best = max(
+        gain(m.pose, m.score)
+        for m in (match(FIELD, points, pose, fixed, Trust(1e-4, 1e-4)) for pose in others)
+    )
+    assert gain(found.pose, found.score) >= best - 0.05 * worth / 10.0
 
 
 def test_without_points_the_guess_comes_back_unmatched():

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from hippomat_core.slam.likelihood_field import BLOCK
 
+MOST_LOSS = 2.0**30  # more would overflow 32 bits
+
 Best = tuple[int, int, int, int]  # dx, dy [cells], yaw step, sum of levels
 
 
@@ -27,10 +29,13 @@ def search_poses(
     half_cells: int,
     half_turns: int,
     turn_rad: float,
+    per_cell: float,
+    per_turn: float,
 ) -> Best:
     """(dx, dy, turn, score): the best translation in cells and rotation in steps of turn_rad from the guess.
 
     points: (n, 2) base frame, and guess: (3,) x, y, yaw; both with lengths in cells from the field's corner
+    per_cell, per_turn: what a pose's score loses per squared cell and per squared turn away from the guess
     """
     count, turns = points.shape[0], 2 * half_turns + 1
     corner = np.empty((turns, count, 2), np.int32)  # each point's cell at the least translation
@@ -39,10 +44,12 @@ def search_poses(
     for turn in range(turns):
         _place(points, guess, guess[2] + (turn - half_turns) * turn_rad, half_cells, corner[turn])
         _add_bounds(blocks, corner[turn], bounds[turn])
+        _take_least_loss(bounds[turn], half_cells, turn - half_turns, per_cell, per_turn)
     scores = np.empty((BLOCK, BLOCK), np.int32)
     flat = bounds.ravel()
     best_x, best_y, best_turn, best, nearest = 0, 0, 0, 0, -1
-    for block in _promising(levels, corner, flat, side, scores):
+    known = _score_of_guess(levels, corner[half_turns], half_cells)
+    for block in _promising(flat, known):
         if flat[block] < best:
             break
         turn, place = block // (side * side), block % (side * side)
@@ -52,25 +59,46 @@ def search_poses(
             for bx in range(min(BLOCK, 2 * half_cells + 1 - first_x)):
                 dx, dy, dturn = first_x + bx - half_cells, first_y + by - half_cells, turn - half_turns
                 away = dx * dx + dy * dy + dturn * dturn
-                score = scores[by, bx]
+                score = scores[by, bx] - _loss(dx, dy, dturn, per_cell, per_turn)
                 if score > best or (score == best and 0 <= away < nearest):
                     best_x, best_y, best_turn, best, nearest = dx, dy, dturn, score, away
     return best_x, best_y, best_turn, best
 
 
 @njit(cache=True, nogil=True)
-def _promising(
-    levels: NDArray[np.uint8],
-    corner: NDArray[np.int32],
-    bounds: NDArray[np.int32],
-    side: int,
-    scores: NDArray[np.int32],
-) -> NDArray[np.int64]:
-    """The blocks that may hold the best pose, highest bound first: those that reach what a known pose scores."""
-    first = int(np.argmax(bounds))
-    place = first % (side * side)
-    _score_block(levels, corner[first // (side * side)], place % side * BLOCK, place // side * BLOCK, scores)
-    blocks = np.flatnonzero(bounds >= max(scores[0, 0], 1))  # others of the block may lie beyond the search
+def _loss(dx: int, dy: int, dturn: int, per_cell: float, per_turn: float) -> int:
+    return int(min(per_cell * (dx * dx + dy * dy) + per_turn * dturn * dturn, MOST_LOSS))
+
+
+@njit(cache=True, nogil=True)
+def _take_least_loss(
+    bounds: NDArray[np.int32], half_cells: int, dturn: int, per_cell: float, per_turn: float
+) -> None:
+    """Each block's bound, less what its pose nearest to the guess loses."""
+    for by in range(bounds.shape[0]):
+        low = by * BLOCK - half_cells
+        dy = max(low, min(0, low + BLOCK - 1))
+        for bx in range(bounds.shape[1]):
+            left = bx * BLOCK - half_cells
+            dx = max(left, min(0, left + BLOCK - 1))
+            bounds[by, bx] -= _loss(dx, dy, dturn, per_cell, per_turn)
+
+
+@njit(cache=True, nogil=True)
+def _score_of_guess(levels: NDArray[np.uint8], cells: NDArray[np.int32], half_cells: int) -> int:
+    """The sum of levels at the guess itself, which loses nothing."""
+    total = 0
+    for k in range(cells.shape[0]):
+        ix, iy = cells[k, 0] + half_cells, cells[k, 1] + half_cells
+        if 0 <= ix < levels.shape[1] and 0 <= iy < levels.shape[0]:
+            total += levels[iy, ix]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _promising(bounds: NDArray[np.int32], known: int) -> NDArray[np.int64]:
+    """The blocks that may hold the best pose, highest bound first: all that reach a score that exists."""
+    blocks = np.flatnonzero(bounds >= max(known, 1))
     return blocks[np.argsort(-bounds[blocks], kind="mergesort")]  # stable, so equal bounds keep their order
 
 

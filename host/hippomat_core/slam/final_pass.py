@@ -15,7 +15,7 @@ import numpy as np
 from hippomat_core.slam.gtsam_solver import solved_poses
 from hippomat_core.slam.mapper import MapperSettings
 from hippomat_core.slam.matcher import Search
-from hippomat_core.slam.places import link_of, match_at, places_near
+from hippomat_core.slam.places import link_of, loosest_m, match_at, places_near
 from hippomat_core.slam.pose_graph import Links, PoseGraph, joined
 
 Progress = Callable[[int, int], None]  # keyframes done, of how many
@@ -31,6 +31,7 @@ class FinalSettings:
     at_most: int = 5  # places per keyframe
     search: Search = field(default_factory=lambda: Search(0.15, math.radians(3.0)))
     least_score: float = 0.6
+    largest_sigma_m: float = 0.04  # as in loop_closing
 
 
 def final_pass(
@@ -59,5 +60,5 @@ def _links_to(
     others = np.arange(len(graph)) != keyframe
     for place in places_near(graph, keyframe, others, settings.reach_m, settings.at_most):
         found = match_at(graph, place, keyframe, settings.beside, settings.search, mapper)
-        if found.score >= settings.least_score:
+        if found.score >= settings.least_score and loosest_m(found) <= settings.largest_sigma_m:
             yield link_of(place, keyframe, found)

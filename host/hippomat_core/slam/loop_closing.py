@@ -16,7 +16,7 @@ import numpy as np
 from hippomat_core.slam.gtsam_solver import solved_poses
 from hippomat_core.slam.mapper import MapperSettings
 from hippomat_core.slam.matcher import Match, Search
-from hippomat_core.slam.places import link_of, match_at, places_near
+from hippomat_core.slam.places import link_of, loosest_m, match_at, places_near
 from hippomat_core.slam.pose_graph import Links, PoseGraph, joined
 from hippomat_core.slam.ray_cast import no_evidence, with_scans
 from hippomat_core.slam.solution import Solution
@@ -34,7 +34,7 @@ class LoopSettings:
     search: Search = field(default_factory=lambda: Search(1.5, math.radians(15.0), math.radians(1.0)))
     least_score: float = 0.6
     least_inside: float = 0.6
-    largest_sigma_m: float = 0.1  # along a bare corridor a match tells nothing
+    largest_sigma_m: float = 0.04  # along a bare corridor a match tells nothing, and says 0.05 or more
 
 
 def is_due(graph: PoseGraph, settings: LoopSettings | None = None) -> bool:
@@ -75,7 +75,5 @@ def _loops_to(
 
 def _closes(found: Match, settings: LoopSettings) -> bool:
     """True where the scan fits well, mostly lies where something is known, and cannot slide along it."""
-    if found.score < settings.least_score or found.inside < settings.least_inside:
-        return False
-    weakest = float(np.linalg.eigvalsh(np.linalg.inv(found.information)[:2, :2])[-1])
-    return weakest <= settings.largest_sigma_m**2
+    fits = found.score >= settings.least_score and found.inside >= settings.least_inside
+    return fits and loosest_m(found) <= settings.largest_sigma_m

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.slam.likelihood_field import SIGMA_M, LikelihoodField, field_of_points
-from hippomat_core.slam.matcher import Match, Search, match
+from hippomat_core.slam.matcher import Search, Trust, match
 from hippomat_core.slam.pose_graph import EMPTY_GRAPH, Keyframe, PoseGraph
 from hippomat_core.slam.poses import composed, placed_together, seen_from, turned_information
 from hippomat_core.slam.ray_cast import Evidence, Lidar, no_evidence, with_scans
 from hippomat_core.slam.solution import Solution
 
-# What a step is worth that no match confirmed: odometry alone over one keyframe.
-UNMATCHED_INFORMATION = np.diag([1 / 0.1**2, 1 / 0.1**2, 1 / math.radians(5.0) ** 2])
+# What a step without odometry is worth before any match: it is no longer than a few metres.
+NO_ODOMETRY = np.diag(Trust(2.0, 2.0).information)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +37,21 @@ class MapperSettings:
     resolution_m: float = 0.05
     sigma_m: float = SIGMA_M
     search: Search = field(default_factory=lambda: Search(0.5, math.radians(25.0)))
-    blind_search: Search = field(default_factory=lambda: Search(1.2, math.radians(40.0)))  # no odometry
+    # Without odometry: wide enough for logs that were thinned to a scan a metre or a quarter turn.
+    blind_search: Search = field(default_factory=lambda: Search(1.3, math.radians(90.0), math.radians(1.0)))
     least_score: float = 0.4  # below it a match is taken for none
+    slip: float = (
+        0.1  # odometry is off by this share of the way and by that of the turn, and by no less than:
+    )
+    turn_slip: float = 0.3  # wheels that skid turn less than they count
+    slip_m: float = 0.02
+    slip_rad: float = math.radians(2.0)
     lidar: Lidar = field(default_factory=Lidar)
+
+    def trust(self, moved: NDArray[np.float64]) -> Trust:
+        """How far odometry is believed about a motion (3,) between two scans."""
+        moved_m, turned_rad = math.hypot(moved[0], moved[1]), abs(float(moved[2]))
+        return Trust(self.slip_m + self.slip * moved_m, self.slip_rad + self.turn_slip * turned_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,11 +86,11 @@ class Mapper:
         odometry: (3,) pose in the odometry's frame when the scan was taken; None: unknown, search farther
         """
         if self.field is None:
-            first = self._with_keyframe(Keyframe(stamp_ns, points), self.pose, None)
+            first = self._with_keyframe(Keyframe(stamp_ns, points), self.pose, NO_ODOMETRY)
             first = replace(first, odometry=odometry)
             return first, Outcome(self.pose, 1.0, True, 0, np.zeros(3), True)
-        guess, search = self._guess(odometry)
-        found = match(self.field, points, guess, search)
+        guess, search, trust = self._guess(odometry)
+        found = match(self.field, points, guess, search, trust)
         matched = found.score >= self.settings.least_score
         pose = found.pose if matched else guess
         last = len(self.graph) - 1
@@ -86,7 +98,9 @@ class Mapper:
         if not self._is_far(offset):
             moved = replace(self, pose=pose, odometry=odometry)
             return moved, Outcome(pose, found.score, matched, last, offset, False)
-        grown = self._with_keyframe(Keyframe(stamp_ns, points), pose, found if matched else None)
+        step = np.diag(trust.information) if trust else NO_ODOMETRY
+        step = step + turned_information(found.information, pose[2]) if matched else step
+        grown = self._with_keyframe(Keyframe(stamp_ns, points), pose, step)
         grown = replace(grown, pose=pose, odometry=odometry)
         return grown, Outcome(pose, found.score, matched, last + 1, np.zeros(3), True)
 
@@ -116,21 +130,25 @@ class Mapper:
         """The map as known now."""
         return self.evidence.grid()
 
-    def _guess(self, odometry: NDArray[np.float64] | None) -> tuple[NDArray[np.float64], Search]:
+    def _guess(
+        self, odometry: NDArray[np.float64] | None
+    ) -> tuple[NDArray[np.float64], Search, Trust | None]:
         if odometry is None or self.odometry is None:
-            return self.pose, self.settings.blind_search
-        return composed(self.pose, seen_from(self.odometry, odometry)), self.settings.search
+            return self.pose, self.settings.blind_search, None
+        moved = seen_from(self.odometry, odometry)
+        return composed(self.pose, moved), self.settings.search, self.settings.trust(moved)
 
     def _is_far(self, offset: NDArray[np.float64]) -> bool:
         moved_m = math.hypot(offset[0], offset[1])
         return moved_m >= self.settings.keyframe_m or abs(offset[2]) >= self.settings.keyframe_rad
 
-    def _with_keyframe(self, frame: Keyframe, pose: NDArray[np.float64], found: Match | None) -> Mapper:
-        """With one more keyframe at `pose` and a link to it from the last one."""
+    def _with_keyframe(
+        self, frame: Keyframe, pose: NDArray[np.float64], information: NDArray[np.float64]
+    ) -> Mapper:
+        """With one more keyframe at `pose`, and a link to it from the last one, known that well (3, 3)."""
         graph, count = self.graph, len(self.graph)
         steps = graph.steps
         if count:
-            information = turned_information(found.information, pose[2]) if found else UNMATCHED_INFORMATION
             steps = steps.and_link(count - 1, count, seen_from(graph.poses[-1], pose), information)
         poses = np.concatenate([graph.poses, pose[None, :]])
         graph = replace(graph, keyframes=(*graph.keyframes, frame), poses=poses, steps=steps)

@@ -5,6 +5,8 @@ Knows a pose graph; decides nothing about what a match is worth.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,3 +46,8 @@ def link_of(place: int, keyframe: int, found: Match) -> Links:
     information = turned_information(found.information, float(found.pose[2]))
     first, second = np.array([place], np.int32), np.array([keyframe], np.int32)
     return Links(first, second, found.pose[None, :], information[None, :, :])
+
+
+def loosest_m(found: Match) -> float:
+    """The largest standard deviation of the matched position, over all directions [m]."""
+    return math.sqrt(float(np.linalg.eigvalsh(np.linalg.inv(found.information)[:2, :2])[-1]))

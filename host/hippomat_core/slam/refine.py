@@ -39,20 +39,23 @@ def climb(
     pose: NDArray[np.float64],
     inverse: NDArray[np.float64],
     lever: float,
+    guess: NDArray[np.float64],
+    pull: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """(3,) the pose uphill of `pose` with the highest mean value. Lengths in cells.
+    """(3,) the pose uphill of `pose` where the mean value less the pull is highest. Lengths in cells.
 
     inverse: (3, 3) of the curvature, positive definite
+    guess, pull: (3,) what is climbed is the mean value - 0.5 * sum(pull * (pose - guess)^2)
     lever: typical distance of the points; it makes a rotation comparable with a translation
     """
-    best, slope = _mean_and_slope(values, points, pose)
+    best, slope = _pulled(values, points, pose, guess, pull)
     share = 1.0
     for _ in range(ITERATIONS):
         step = inverse @ slope * share
         length = math.sqrt(step[0] ** 2 + step[1] ** 2 + (step[2] * lever) ** 2)
         if length > MAX_STEP_CELLS:
             step *= MAX_STEP_CELLS / length
-        value, slope_there = _mean_and_slope(values, points, pose + step)
+        value, slope_there = _pulled(values, points, pose + step, guess, pull)
         if value > best:
             pose, best, slope, share = pose + step, value, slope_there, 1.0
         else:
@@ -60,6 +63,19 @@ def climb(
         if length < SMALL_CELLS:
             break
     return pose
+
+
+@njit(cache=True, nogil=True)
+def _pulled(
+    values: NDArray[np.float32],
+    points: NDArray[np.float64],
+    pose: NDArray[np.float64],
+    guess: NDArray[np.float64],
+    pull: NDArray[np.float64],
+) -> tuple[float, NDArray[np.float64]]:
+    value, slope = _mean_and_slope(values, points, pose)
+    away = pose - guess
+    return value - 0.5 * (pull * away * away).sum(), slope - pull * away
 
 
 @njit(cache=True, nogil=True)

@@ -20,6 +20,7 @@ from hippomat_core.errors import ConfigError
 
 NO_RETURN_M = 80.0  # a SICK reports 81.83 or 81.91 m where nothing came back
 BEFORE, AFTER = 2, 9  # fields around the ranges
+ODOM_FIELDS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,8 +52,7 @@ def read_carmen(path: Path) -> CarmenLog:
                 scans.append(_scan(line))
                 rows.append((1.0, scans[-1].stamp_s, *scans[-1].pose))
             elif line.startswith("ODOM "):
-                words = line.split()
-                rows.append((0.0, float(words[-1]), *map(float, words[1:4])))
+                rows.append((0.0, *_odometry(line)))
         except (ValueError, IndexError) as error:
             raise ConfigError(f"log {path}, line {number}: {error}") from None
     if not scans:
@@ -87,3 +87,14 @@ def _scan(line: str) -> CarmenScan:
     seen = (ranges_m > 0.0) & (ranges_m < NO_RETURN_M)
     points = np.stack([ranges_m * np.cos(bearing), ranges_m * np.sin(bearing)], axis=1)[seen]
     return CarmenScan(stamp_s, points, pose)
+
+
+def _odometry(line: str) -> tuple[float, ...]:
+    """Stamp and x, y, yaw of an ODOM line."""
+    words = line.split()
+    if len(words) != ODOM_FIELDS:
+        raise ValueError(f"an ODOM line has {ODOM_FIELDS} fields, found {len(words)}")
+    numbers = tuple(float(word) for word in (words[-1], *words[1:4]))
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError("has a value that is not finite")
+    return numbers
