@@ -44,6 +44,8 @@ from hippomat_core.wire.frames import (
     LOST,
 )
 
+STRANGER_NS = 3_000_000_000  # a peer unheard for longer has no say in who is right
+
 Stepped = tuple[State, tuple[Effect, ...]]
 
 
@@ -172,13 +174,13 @@ def _own_inputs(
         | FLAG_GUARD * state.held
         | FLAG_SATURATED * over
     )
-    outcome = state.outcome
+    outcome, stranger = state.outcome, _is_stranger(state, now_ns)
     return OwnInputs(
         costs_q=quantise(costs_s, ground.c_max_s),
         c_max_s=ground.c_max_s,
         outlook=partial(_outlook, state, ground, now_ns),
-        can_request=allowed.may_request,
-        why_not=allowed.why_not,
+        can_request=allowed.may_request and not stranger,
+        why_not=allowed.why_not or ("another digest than the fleet" if stranger else ""),
         arrived=outcome is not None and outcome.arrived,
         may_serve=allowed.may_serve,
         drop_claim=allowed.drop_claim or ("stuck" if state.gives_up else ""),
@@ -192,6 +194,20 @@ def _own_inputs(
         intent=_intent(state),
         stop_counter=state.stop.counter,
     )
+
+
+def _is_stranger(state: State, now_ns: int) -> bool:
+    """True where at least as many robots have another map or other settings as share ours.
+
+    Such a robot would get no majority for a claim, but would drive for it in a frame that may not be theirs.
+    """
+    alive = [
+        peer.agrees
+        for peer in state.fleet.peers
+        if peer is not None and now_ns - peer.stamp_ns <= STRANGER_NS
+    ]
+    differ = alive.count(False)
+    return differ > 0 and differ >= 1 + alive.count(True)
 
 
 def _centimetres(length_m: float) -> int:

@@ -37,7 +37,10 @@ class Robot:
         self.output = directory / "output.txt"
         self.log = directory / "runs"
         config = directory / "hippomat.toml"
-        config.write_text("[fleet]\nsize = 1\ntask_slots = 3\nturnover = 'on_completion'\n")
+        config.write_text(
+            "[fleet]\nsize = 1\ntask_slots = 3\nturnover = 'on_completion'\n"  # its lidar sees no map
+            "[slam]\nmode = 'odometry'\n"
+        )
         self.options = [
             *("--port", str(self.radio.link), "--base", str(self.base.link), "--lidar", str(self.lidar.link)),
             *("--config", str(config), "--map", str(write_room(directory)), "--log", str(self.log)),

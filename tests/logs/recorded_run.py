@@ -9,7 +9,7 @@ import numpy as np
 from radio_samples import hello_of_robot, reply_of
 
 from hippomat_core import messages as m
-from hippomat_core.config import Config, FleetConfig, RobotConfig
+from hippomat_core.config import Config, FleetConfig, RobotConfig, SlamConfig
 from hippomat_core.step import initial_state, step
 from hippomat_core.wire import codec, frames, jetbot_base, link, rplidar
 from hippomat_core.wire.device_events import decoder_for
@@ -19,6 +19,7 @@ from hippomat_logs.recorder import Recorder
 CONFIG = Config(
     fleet=FleetConfig(size=3, task_slots=4, allocator="hungarian"),
     robot=RobotConfig(id=0, start_x_m=1.0, start_y_m=1.0, start_known=True),
+    slam=SlamConfig(mode="odometry"),
 )
 WALL_NS, START_NS = 1_700_000_000_000_000_000, 5_000_000_000
 
