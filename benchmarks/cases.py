@@ -17,6 +17,10 @@ from scipy.optimize import linear_sum_assignment
 from benchmarks.measure import Result, compare
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.port import Problem
+from hippomat_core.config import Config
+from hippomat_core.control.follower import Drive, Motion, follow
+from hippomat_core.control.guard import CRAWL_MPS, guard
+from hippomat_core.control.stopping import STEP_M
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import StateHeard
 from hippomat_core.planning.astar import shortest_path
@@ -83,6 +87,38 @@ def path_around_peers() -> Result:
     )
 
 
+def path_following() -> Result:
+    costmap, start, goal = _hall()
+    path = shortest_path(costmap, start, goal)
+    assert path is not None
+    ahead, config = costmap.centres(path[40:64]), Config()
+    x_m, y_m = ahead[0].tolist()
+    motion, last = Motion(x_m - 0.05, y_m - 0.05, 0.8, 0.2), Drive(0.2)
+    return compare(
+        "one command along a path, 24 cells ahead",
+        lambda: follow(ahead, 1.0, motion, last, 0.05, config, costmap),
+        "its pursued point alone, in Python",
+        lambda: _pursued_in_python(ahead, motion, costmap),
+    )
+
+
+def scan_guard() -> Result:
+    """Two metres of corridor and a thing ahead, 360 returns, four peers; the same arc as NumPy arrays."""
+    angle = np.linspace(-math.pi, math.pi, 360)
+    walls = np.stack([1.5 * np.cos(angle), 0.25 * np.sign(np.sin(angle)) + 0.02 * np.sin(9 * angle)], axis=1)
+    points = np.concatenate([walls, [[0.2, 0.02], [0.21, 0.0]]])
+    peers, config, v, wz = np.array([[1.0, k - 1.5, 0.12] for k in range(4)]), Config(), 0.2, 0.3
+    ours = guard(points, v, wz, peers, config)
+    theirs = _guarded_with_arrays(points, v, wz, peers, config)
+    assert math.isclose(ours.v_mps, theirs, abs_tol=0.02), (ours, theirs)
+    return compare(
+        "scan guard, 362 returns, 4 peers",
+        lambda: guard(points, v, wz, peers, config),
+        "the same arc in NumPy",
+        lambda: _guarded_with_arrays(points, v, wz, peers, config),
+    )
+
+
 def allocation() -> Result:
     problem = _problem()
     allocator = make_allocator("hungarian", None, ROBOTS, TASKS)
@@ -119,6 +155,43 @@ def record_encoding() -> Result:
         "mcap_ros2",
         lambda: encoder(plain),
     )
+
+
+def _pursued_in_python(ahead: NDArray[np.float64], motion: Motion, costmap: Costmap) -> tuple[float, float]:
+    """The farthest point within 0.2 m that is in sight, looked for every 2 cm."""
+    chosen = (motion.x_m, motion.y_m)
+    for x, y in ahead.tolist():
+        away_m = math.hypot(x - motion.x_m, y - motion.y_m)
+        count = max(2, math.ceil(away_m / 0.02))
+        line = [
+            (motion.x_m + k / count * (x - motion.x_m), motion.y_m + k / count * (y - motion.y_m))
+            for k in range(count + 1)
+        ]
+        if away_m > 0.2 or not all(costmap.is_free(costmap.grid.cell_of(*place)) for place in line):
+            break
+        chosen = (x, y)
+    return chosen
+
+
+def _guarded_with_arrays(
+    points: NDArray[np.float64], v: float, wz: float, peers: NDArray[np.float64], config: Config
+) -> float:
+    """The guard's speed for a disc, every point against every step of the arc."""
+    decel, latency_s = config.limits.decel_mps2, config.guard.latency_s
+    stop_m = v * latency_s + v * v / (2.0 * decel)
+    reach_m = config.robot.radius_m + config.guard.margin_m
+    xy = np.concatenate([points, peers[:, :2]])
+    gap_m = np.concatenate([np.full(len(points), reach_m), peers[:, 2] + reach_m])
+    now_m = np.hypot(xy[:, 0], xy[:, 1])
+    along = np.minimum(np.arange(1, math.ceil(stop_m / STEP_M) + 1) * STEP_M, stop_m)
+    yaw = along * wz / v
+    away_m = np.hypot(xy[:, 0, None] - np.sin(yaw) * v / wz, xy[:, 1, None] - (1.0 - np.cos(yaw)) * v / wz)
+    hit = (away_m < np.minimum(gap_m, now_m - 0.001)[:, None]).any(axis=0)
+    free_m = max(float(along[int(np.argmax(hit))]) - STEP_M, 0.0) if hit.any() else stop_m
+    if free_m >= stop_m:
+        return v
+    speed = decel * (math.sqrt(latency_s * latency_s + 2.0 * free_m / decel) - latency_s)
+    return speed if speed >= CRAWL_MPS else 0.0
 
 
 def _with_lists(value: Any) -> Any:
@@ -177,6 +250,8 @@ CASES: dict[str, Callable[[], Result]] = {
         distance_field_of_a_task,
         costs_of_a_round,
         path_around_peers,
+        path_following,
+        scan_guard,
         allocation,
         state_decoding,
         record_encoding,

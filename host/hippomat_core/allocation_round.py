@@ -85,7 +85,7 @@ def _round(
     if outcome.state_frame is not None:
         effects.append(SendState(outcome.state_frame))
     effects += [SendTasks(frame) for frame in outcome.tasks_frames]
-    return replace(state, fleet=fleet)
+    return replace(state, fleet=fleet, gives_up=False)
 
 
 def _with_fields(state: State, ground: Ground) -> State:
@@ -180,7 +180,8 @@ def _own_inputs(
         why_not=allowed.why_not,
         arrived=outcome is not None and outcome.arrived,
         may_serve=allowed.may_serve,
-        drop_claim=allowed.drop_claim,
+        drop_claim=allowed.drop_claim or ("stuck" if state.gives_up else ""),
+        shun_s=state.config.recovery.shun_s if state.gives_up else 0.0,
         x_cm=_centimetres(x_m),
         y_cm=_centimetres(y_m),
         yaw_256=round(yaw_rad / math.tau * 256) % 256,

@@ -52,7 +52,8 @@ class RobotConfig:
     start_y_m: float = number(0.0, -1000.0, 1000.0)
     start_yaw_rad: float = number(0.0, -2 * math.pi, 2 * math.pi)
     start_known: bool = False
-    radius_m: float = number(0.12, 0.02, 2.0)
+    radius_m: float = number(0.12, 0.02, 2.0)  # of a disc that holds the whole body
+    footprint: tuple[tuple[float, ...], ...] = ()  # convex outline ((x, y), ..) [m], base frame; (): the disc
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +71,48 @@ class LidarConfig:
 
 @dataclass(frozen=True, slots=True)
 class LimitsConfig:
-    """Speeds the follower may command; the defaults suit a first run."""
+    """What may be commanded; the defaults suit a first run. All but turning in place bounds driving too."""
 
     speed_mps: float = number(0.2, 0.02, 5.0)
     accel_mps2: float = number(0.5, 0.05, 20.0)
+    decel_mps2: float = number(
+        0.5, 0.05, 20.0
+    )  # the base must brake at least like this: the guard counts on it
+    lateral_accel_mps2: float = number(0.5, 0.01, 20.0)  # speed times turn rate
+    curvature_per_m: float = number(10.0, 0.1, 100.0)  # of the way driven; turning in place has none
     turn_radps: float = number(1.5, 0.1, 10.0)
     turn_accel_radps2: float = number(6.0, 0.1, 50.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ControlConfig:
+    """Regulated pure pursuit; docs/control.md has nav2's name of each."""
+
+    lookahead_s: float = number(1.0, 0.1, 10.0)  # at the measured speed, within the next two
+    lookahead_min_m: float = number(0.2, 0.05, 5.0)
+    lookahead_max_m: float = number(0.6, 0.05, 10.0)
+    regulated_radius_m: float = number(0.3, 0.0, 10.0)  # tighter curves are driven slower; 0: not so
+    proximity_m: float = number(0.06, 0.0, 5.0)  # with less room beside the body: slower; 0: not so
+    regulated_min_mps: float = number(0.05, 0.01, 5.0)  # neither of the two slows further than this
+    rotate_from_rad: float = number(
+        0.6, 0.1, 3.2
+    )  # heading error at which the robot stops and turns in place
+    rotate_until_rad: float = number(0.12, 0.01, 1.5)  # and at which it drives on
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveryConfig:
+    """When a robot counts as stuck, and what it tries before it gives its task back."""
+
+    stuck_s: float = number(8.0, 1.0, 600.0)  # without moving by progress_m although it should
+    waiting_s: float = number(60.0, 1.0, 3600.0)  # the same while it waits for a robot that is heard
+    distant_s: float = number(40.0, 20.0, 3600.0)  # without coming nearer to the goal by progress_m
+    progress_m: float = number(0.1, 0.02, 5.0)
+    retry_s: float = number(5.0, 1.0, 600.0)  # after an attempt, before the next one
+    back_m: float = number(0.25, 0.0, 2.0)  # backed up along the way it came
+    back_mps: float = number(0.08, 0.02, 1.0)
+    wait_s: float = number(5.0, 0.0, 600.0)
+    shun_s: float = number(60.0, 0.0, 3600.0)  # a task that was given up is not claimed again so soon
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +134,10 @@ class GuardConfig:
     """The scan guard next to the motors."""
 
     margin_m: float = number(0.03, 0.0, 1.0)
-    latency_s: float = number(0.25, 0.0, 5.0)  # scan age + loop + base reaction
+    latency_s: float = number(
+        0.25, 0.0, 5.0
+    )  # from the odometry's last frame to the wheels: loop, link, base
+    obstacle_speed_mps: float = number(0.0, 0.0, 5.0)  # what is seen may come nearer as fast as this
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +161,8 @@ class Config:
     robot: RobotConfig = RobotConfig()
     lidar: LidarConfig = LidarConfig()
     limits: LimitsConfig = LimitsConfig()
+    control: ControlConfig = ControlConfig()
+    recovery: RecoveryConfig = RecoveryConfig()
     planning: PlanningConfig = PlanningConfig()
     guard: GuardConfig = GuardConfig()
     log: LogConfig = LogConfig()
@@ -178,6 +220,41 @@ def _check_together(config: Config, name: str) -> None:
             f"[robot] radius_m + [guard] margin_m = {body_m:.3f}: "
             "the guard would stop the robot on its own path"
         )
+
+    if config.control.lookahead_min_m > config.control.lookahead_max_m:
+        raise ConfigError(
+            f"{name}: [control] lookahead_min_m = {config.control.lookahead_min_m} is more than "
+            f"lookahead_max_m = {config.control.lookahead_max_m}: lower one or raise the other"
+        )
+    if config.control.rotate_until_rad >= config.control.rotate_from_rad:
+        raise ConfigError(
+            f"{name}: [control] rotate_until_rad = {config.control.rotate_until_rad} must be less than "
+            f"rotate_from_rad = {config.control.rotate_from_rad}, or the robot never stops turning"
+        )
+    _check_footprint(robot, name)
+
+
+def _check_footprint(robot: RobotConfig, name: str) -> None:
+    """Convex, counter-clockwise, around the base's origin and inside the disc that planning reckons with."""
+    corners = robot.footprint
+    if not corners:
+        return
+    where = f"{name}: [robot] footprint"
+    if len(corners) < 3 or any(len(corner) != 2 for corner in corners):
+        raise ConfigError(f"{where} needs three corners [x, y] or more, found {corners!r}")
+    if not all(math.isfinite(value) for corner in corners for value in corner):
+        raise ConfigError(f"{where} holds what is no length: {corners!r}")
+    for k, (x, y) in enumerate(corners):
+        if math.hypot(x, y) > robot.radius_m:
+            raise ConfigError(
+                f"{where}: corner [{x}, {y}] lies outside [robot] radius_m = {robot.radius_m}, the disc that "
+                f"planning and peers keep clear: set radius_m = {math.ceil(math.hypot(x, y) * 1000) / 1000}"
+            )
+        (x1, y1), (x2, y2) = corners[(k + 1) % len(corners)], corners[(k + 2) % len(corners)]
+        if x * y1 - y * x1 <= 0.0:
+            raise ConfigError(f"{where} must run counter-clockwise around [0, 0]; it does not at [{x}, {y}]")
+        if (x1 - x) * (y2 - y1) - (y1 - y) * (x2 - x1) < 0.0:
+            raise ConfigError(f"{where} must be convex; it is not at [{x1}, {y1}]: leave that corner out")
 
 
 def config_to_dict(config: Config) -> dict[str, Any]:

@@ -266,7 +266,31 @@ class Drive:
 
     v_mps: F64
     wz_radps: F64
-    reason: str  # follow, rotate, hold, guard, stop:<cause>
+    reason: str  # follow, rotate, hold, guard, recover:<step>, stop:<cause>
+
+
+@dataclass(frozen=True, slots=True)
+class GuardLimited:
+    """Why the scan guard commands less than was wanted: the Drive effect beside it is what it let through."""
+
+    wanted_v_mps: F64
+    wanted_wz_radps: F64
+    nearest_m: F64  # from the footprint to the nearest thing seen; inf: nothing, or no number was wanted
+    free_m: F64  # along the wanted way, before something is nearer than guard.margin_m
+    stop_m: F64  # what stopping takes, latency included
+    scan_age_s: F64
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveryChanged:
+    """A robot that was stuck tries something, gives up, or is free again (control/recovery.py)."""
+
+    step: str  # clear, back_up, turn, wait, give_up: begun; drive: the attempt is over; free: it moves again
+    cause: str  # guard, blocked, wheels, slip, no_nearer, waiting; what keeps it
+    stalled_s: F64  # time without progress that led here
+    x_m: F64
+    y_m: F64
+    yaw_rad: F64
 
 
 @dataclass(frozen=True, slots=True)
@@ -382,6 +406,8 @@ Effect: TypeAlias = (
     SendState
     | SendTasks
     | Drive
+    | GuardLimited
+    | RecoveryChanged
     | PoseEstimated
     | RoundDecided
     | ClaimChanged

@@ -12,8 +12,9 @@ import numpy as np
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.config import Config
-from hippomat_core.control.guard import Points
 from hippomat_core.control.nav_state import Navigator, NavOutcome
+from hippomat_core.control.recovery import Recovery
+from hippomat_core.control.stopping import Points
 from hippomat_core.fleet import state as fleet_state
 from hippomat_core.fleet.progress import Progress
 from hippomat_core.fleet.radio_health import RadioHealth
@@ -90,6 +91,8 @@ class State:
     navigator: Navigator = field(default_factory=Navigator)
     outcome: NavOutcome | None = None  # of the last tick that was allowed to move
     held: bool = False  # the guard slowed the last command
+    recovery: Recovery = field(default_factory=Recovery)
+    gives_up: bool = False  # its claim: at the end of this round it is let go
     progress: Progress | None = None  # with our claim
     stop: Stop = Stop()
     faults: tuple[tuple[str, int], ...] = ()  # reaction codes, since when

@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 
 from hippomat_core.allocation_round import Stepped, round_without_radio
 from hippomat_core.control.follower import Motion
-from hippomat_core.control.guard import carried_along, guard
-from hippomat_core.control.nav_state import STANDING
+from hippomat_core.control.guard import Lateness, carried_along, guard
+from hippomat_core.control.nav_state import STANDING, NavOutcome
 from hippomat_core.control.navigator import navigate
+from hippomat_core.control.recovery import DRIVE
 from hippomat_core.faults import with_faults
-from hippomat_core.messages import BASE, Drive, Effect, PathPlanned, PoseEstimated, Tick
+from hippomat_core.messages import BASE, Drive, Effect, GuardLimited, PathPlanned, PoseEstimated, Tick
 from hippomat_core.planning.reservations import PeerMotion, peer_motion
 from hippomat_core.reactions import BY_CODE, Permissions, permissions
 from hippomat_core.state import NO_POINTS, State
+from hippomat_core.unsticking import unstuck, unworried
 from hippomat_core.wire.frames import FLAG_LOCALIZED
 
 
@@ -45,6 +47,7 @@ def _drive(state: State, now_ns: int, allowed: Permissions, effects: list[Effect
         standing = replace(state.navigator, drive=STANDING, stamp_ns=now_ns)
         code = next((code for code, _ in state.faults if BY_CODE[code].stops), "no_map")
         effects.append(Drive(0.0, 0.0, f"stop:{code}"))
+        state = unworried(state, now_ns, effects)
         return replace(state, navigator=standing, outcome=None, held=False)
     odometry, claim = state.odometry, state.fleet.own_claim
     motion = Motion(*state.pose, odometry.v_mps, odometry.wz_radps)
@@ -58,15 +61,35 @@ def _drive(state: State, now_ns: int, allowed: Permissions, effects: list[Effect
         state.ground.costmap,
         None if claim is None else state.fields.by_task.get(claim.id.task),
         state.config,
-        state.held,
+        state.held and state.recovery.step == DRIVE,
     )
     if outcome.path is not None:
         ix, iy = (np.ascontiguousarray(axis) for axis in outcome.path.cells.astype(np.uint16).T)
         epoch, path = state.ground.epoch, outcome.path
         effects.append(PathPlanned(epoch, ix, iy, path.length_m, path.cause))
-    safe = guard(_seen(state), outcome.v_mps, outcome.wz_radps, _discs(state, peers), state.config)
+    state, navigator, outcome = unstuck(state, now_ns, motion, peers, navigator, outcome, effects)
+    return _guarded(replace(state, navigator=navigator, outcome=outcome), now_ns, peers, outcome, effects)
+
+
+def _guarded(
+    state: State, now_ns: int, peers: list[PeerMotion], outcome: NavOutcome, effects: list[Effect]
+) -> State:
+    """Command what the guard lets through; the next command starts from that."""
+    odometry, scan, navigator = state.odometry, state.scan, state.navigator
+    late = Lateness(
+        scan_s=0.0 if scan is None else max(now_ns - scan.stamp_ns, 0) / 1e9,
+        odometry_s=max(now_ns - odometry.stamp_ns, 0) / 1e9,
+        v_mps=odometry.v_mps,
+    )
+    wanted_v, wanted_wz = outcome.v_mps, outcome.wz_radps
+    safe = guard(_seen(state), wanted_v, wanted_wz, _discs(state, peers), state.config, late)
     effects.append(Drive(safe.v_mps, safe.wz_radps, "guard" if safe.limited else outcome.reason))
-    return replace(state, navigator=navigator, outcome=outcome, held=safe.limited)
+    if safe.limited:
+        seen = (safe.nearest_m, safe.free_m, safe.stop_m, late.scan_s)
+        effects.append(GuardLimited(wanted_v, wanted_wz, *seen))
+        drive = replace(navigator.drive, v_mps=safe.v_mps, wz_radps=safe.wz_radps)
+        navigator = replace(navigator, drive=drive)
+    return replace(state, navigator=navigator, held=safe.limited)
 
 
 def peers_in_the_way(state: State, now_ns: int) -> list[PeerMotion]:
@@ -85,8 +108,12 @@ def _seen(state: State) -> NDArray[np.float64]:
 
 
 def _discs(state: State, peers: list[PeerMotion]) -> NDArray[np.float64]:
-    """(k, 3) fresh peers in the base frame: x, y, radius [m]. Older ones are left to the scan."""
+    """(k, 3) fresh peers in the base frame: x, y, radius [m], which grows by what they drove since they told.
+
+    Older ones are left to the scan.
+    """
     fresh = [peer for peer in peers if peer.age_s <= state.config.planning.peer_stale_s]
     at = np.array([[peer.x_m, peer.y_m] for peer in fresh]).reshape(-1, 2)
     xy = carried_along(at, (0.0, 0.0, 0.0), state.pose)
-    return np.column_stack([xy, np.full(len(xy), state.config.robot.radius_m)])
+    driven_m = np.array([peer.speed_mps * peer.age_s for peer in fresh])
+    return np.column_stack([xy, state.config.robot.radius_m + driven_m])

@@ -1,4 +1,4 @@
-"""Let the allocator decide once before the ports open: what numba compiles must not stall the first round.
+"""Decide and drive once before the ports open: what numba compiles must not stall the first round or tick.
 
 Takes seconds to a minute where nothing was compiled yet, and milliseconds from compiled code that was kept.
 """
@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator
 
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.warm_up import warm_up
-from hippomat_core.config import FleetConfig
+from hippomat_core.config import Config, FleetConfig
+from hippomat_core.control.warm_up import warm_up as warm_up_control
 from hippomat_logs.policy_files import naming, policy_name
 
 PATIENCE_S = 1.0
@@ -24,6 +25,12 @@ def prepare_allocator(fleet: FleetConfig, policy: bytes | None, say: Callable[[s
     with named, told_if_slow(f"compiling the allocator {fleet.allocator}", say):
         allocator = make_allocator(fleet.allocator, policy, fleet.size, fleet.task_slots)
         warm_up(allocator, fleet.size, fleet.task_slots)
+
+
+def prepare_control(config: Config, say: Callable[[str], None]) -> None:
+    """The same for path following and the scan guard."""
+    with told_if_slow("compiling the control kernels", say):
+        warm_up_control(config)
 
 
 @contextlib.contextmanager

@@ -103,6 +103,8 @@ def as_json(metrics: FleetMetrics) -> dict[str, Any]:
         facts = dataclasses.asdict(robot)
         for name in ("path", "compute_ms", "requested", "confirmed", "seen"):
             del facts[name]
+        if not robot.guard_limited:
+            facts["guard_nearest_m"] = None  # JSON has no infinity
         robots.append({**facts, "travel_cost_s": robot.travel_cost_s, "driven_m": robot.driven_m})
     return {
         "completed": len(metrics.completed),

@@ -38,8 +38,8 @@ def to_toml(config: Config) -> str:
 def _toml_value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value)  # TOML's basic strings escape as JSON's do
+    if isinstance(value, str | tuple):
+        return json.dumps(value)  # TOML's basic strings escape as JSON's do, and its arrays look the same
     return repr(value)
 
 

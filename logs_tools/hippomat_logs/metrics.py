@@ -6,6 +6,7 @@ Times of different robots are compared on the wall clock of their logs.
 
 from __future__ import annotations
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +18,7 @@ import numpy as np
 from hippomat_core import messages as m
 from hippomat_core.allocation.quantise import dequantise
 from hippomat_core.config import Config
+from hippomat_core.control.recovery import DRIVE, FREE
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.planning.ground import ground_of
 from hippomat_core.wire.frames import Header
@@ -63,6 +65,9 @@ class RobotMetrics:
     confirmed: dict[Task, float] = field(default_factory=dict)
     seen: dict[Task, float] = field(default_factory=dict)  # task -> when it was known here
     conflicts: dict[str, int] = field(default_factory=dict)  # by cause
+    guard_limited: int = 0  # ticks (20 per second) in which the scan guard slowed or stopped it
+    guard_nearest_m: float = math.inf  # then, from the footprint to the nearest thing
+    recoveries: dict[str, int] = field(default_factory=dict)  # "step: cause" of each attempt to get free
     compute_ms: list[float] = field(default_factory=list)  # per pass of the daemon's loop
     frames_sent: int = 0
     frames_given_up: int = 0
@@ -212,6 +217,13 @@ class _Reading:
         elif isinstance(message, m.ConflictSeen):
             conflicts = self._metrics.conflicts
             conflicts[message.cause] = conflicts.get(message.cause, 0) + 1
+        elif isinstance(message, m.GuardLimited):
+            self._metrics.guard_limited += 1
+            self._metrics.guard_nearest_m = min(self._metrics.guard_nearest_m, message.nearest_m)
+        elif isinstance(message, m.RecoveryChanged):
+            if message.step not in (DRIVE, FREE):
+                told, recoveries = f"{message.step}: {message.cause}", self._metrics.recoveries
+                recoveries[told] = recoveries.get(told, 0) + 1
         elif isinstance(message, m.MapReceived) and not self._config.fleet.c_max_s:
             cells = np.array(message.cells).reshape(message.height, message.width)
             grid = OccupancyGrid(cells, message.resolution_m, message.origin_x_m, message.origin_y_m)

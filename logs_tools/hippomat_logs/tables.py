@@ -7,6 +7,7 @@ from rich.table import Table
 
 from hippomat_logs.metrics import FleetMetrics, RobotMetrics, quantiles
 
+TICKS_PER_S = 20
 _COLUMNS = (
     "robot",
     "tasks",
@@ -47,7 +48,24 @@ def fleet_lines(metrics: FleetMetrics) -> list[str]:
         f"  of that from request to confirmation: {_spread(metrics.settling_s, 2, 's')}",
         f"compute per pass of the loop: {_spread(metrics.compute_ms, 1, 'ms')}",
         f"frames that somebody missed: {lost:,}",
+        *_standstills(metrics),
     ]
+
+
+def _standstills(metrics: FleetMetrics) -> list[str]:
+    """Who was slowed by its scan guard, and who was stuck."""
+    lines = []
+    for robot in metrics.robots:
+        if robot.guard_limited:
+            held_s = _number(robot.guard_limited / TICKS_PER_S, 1)
+            nearest = f"the nearest thing was {100 * robot.guard_nearest_m:.0f} cm away"
+            lines.append(
+                f"robot {robot.robot}: its scan guard slowed or stopped it for {held_s} s; {nearest}"
+            )
+        if robot.recoveries:
+            tried = ", ".join(f"{count} x {step}" for step, count in sorted(robot.recoveries.items()))
+            lines.append(f"robot {robot.robot}: was stuck and tried {tried}")
+    return lines
 
 
 def _robot_row(robot: RobotMetrics) -> list[str]:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.warm_up import warm_up
 from hippomat_core.config import Config
+from hippomat_core.control.warm_up import warm_up as warm_up_control
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.planning.ground import ground_of
@@ -141,6 +142,7 @@ class FleetRun:
         fleet = self.config.fleet
         allocator = make_allocator(fleet.allocator, policy_of(fleet), fleet.size, fleet.task_slots)
         warm_up(allocator, fleet.size, fleet.task_slots)
+        warm_up_control(self.config)
 
     def _order(self, robot: int) -> DaemonOrder:
         x_m, y_m, yaw_rad = self.starts[robot].tolist()

@@ -262,6 +262,8 @@ def test_the_configuration_survives_as_toml() -> None:
     config = config_from_dict({"fleet": {"policy": 'a "b"\\c'}, "robot": {"id": 3, "start_x_m": -1e-7}})
     assert parse_config(to_toml(config)) == config
     assert parse_config(to_toml(Config())) == Config()
+    outline = parse_config("[robot]\nfootprint = [[0.1, 0.0], [-0.1, 0.05], [-0.1, -0.05]]\n")
+    assert parse_config(to_toml(outline)) == outline
 
 
 def test_ctrl_c_ends_a_replay_with_one_line_and_leaves_nobody_behind(log: Path) -> None:

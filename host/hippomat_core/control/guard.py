@@ -1,7 +1,11 @@
 """The last instance before the motors: slow down or stop so that nothing seen is touched.
 
-Knows the latest scan, the peers as discs, the footprint and the speed; no map, no path, no goal. The robot is
-round, so turning in place is always allowed. A thing that is already too near only forbids getting nearer.
+Knows the latest scan, the peers as discs, the footprint and the speed; no map, no path, no goal. A round
+robot may always turn in place. A thing that is too near already only forbids getting nearer (stopping.py).
+
+What it counts on: the base brakes at limits.decel_mps2 or more and obeys within guard.latency_s; wheels do
+not slip between a scan and its use; nothing comes nearer by itself faster than guard.obstacle_speed_mps; and
+the lidar sees what there is, at its height.
 """
 
 from __future__ import annotations
@@ -13,13 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.config import Config, LidarConfig
+from hippomat_core.control.stopping import Points, free_travel_m, free_turn_rad, nearest_m
 from hippomat_core.messages import ScanReceived
 
-Points = NDArray[np.float64]  # (n, 2) [m], base frame: x forward, y left
-
-STEP_M = 0.01  # the swept corridor is looked at this finely
 CRAWL_MPS = 0.015  # slower than this is standing: the base's motors would only hum
-NEARER_M = 0.001  # a point counts as approached when it gets nearer by this much
 TURN_Q6 = 360 * 64
 HOLE_Q6 = 15 * 64  # samples are one or two degrees apart: a wider hole is damage
 HIDDEN_KEPT = 360
@@ -32,6 +33,23 @@ class GuardedDrive:
     v_mps: float
     wz_radps: float
     limited: bool
+    nearest_m: float = (
+        math.inf
+    )  # from the footprint to the nearest thing, less its allowances; inf: nothing seen
+    free_m: float = math.inf  # along the wanted arc; where it only turns: of its farthest corner
+    stop_m: float = 0.0  # what stopping would take
+
+
+@dataclass(frozen=True, slots=True)
+class Lateness:
+    """How old it is what the guard decides from, and what the base did when it last said so."""
+
+    scan_s: float = 0.0  # since the scan's end
+    odometry_s: float = 0.0  # since the base's last frame: motion since then is unknown
+    v_mps: float = 0.0  # measured
+
+
+NOT_LATE = Lateness()
 
 
 def is_whole(scan: ScanReceived) -> bool:
@@ -78,51 +96,86 @@ def hidden_points(points: Points, lidar: LidarConfig) -> Points:
 
 
 def guard(
-    points: Points, v_mps: float, wz_radps: float, peers: NDArray[np.float64], config: Config
+    points: Points,
+    v_mps: float,
+    wz_radps: float,
+    peers: NDArray[np.float64],
+    config: Config,
+    late: Lateness = NOT_LATE,
 ) -> GuardedDrive:
-    """The wanted velocity, made slow enough to stop before contact in the corridor it sweeps.
+    """The wanted velocity, made slow enough to stop before contact in the area that the footprint sweeps.
 
-    peers: (k, 3) x, y, radius [m], base frame. Stopping takes v * guard.latency_s + v^2 / (2
-    limits.accel_mps2); guard.margin_m stays free beyond the footprint. When slowed, the arc keeps its
-    curvature.
+    points: (n, 2) [m]   peers: (k, 3) x, y, radius [m]; both in the base frame, where they are now
+    Stopping takes v * reaction + v^2 / (2 limits.decel_mps2), with the larger of the wanted and the measured
+    speed; guard.margin_m stays free beyond the footprint. When slowed, the arc keeps its curvature.
     """
+    if not (math.isfinite(v_mps) and math.isfinite(wz_radps)):
+        return GuardedDrive(0.0, 0.0, True)
+    seen = _things_seen(points, peers, v_mps, config, late)
     if abs(v_mps) < CRAWL_MPS:
-        return GuardedDrive(0.0, wz_radps, False)
-    accel, latency_s = config.limits.accel_mps2, config.guard.latency_s
-    reach_m = config.robot.radius_m + config.guard.margin_m
-    stop_m = abs(v_mps) * latency_s + v_mps * v_mps / (2.0 * accel)
-    xy = np.concatenate([points, peers[:, :2]])
-    gap_m = np.concatenate([np.full(len(points), reach_m), peers[:, 2] + reach_m])
-    free_m = _free_travel_m(xy, gap_m, math.copysign(1.0, v_mps), wz_radps / v_mps, stop_m)
+        return _guarded_turn(seen, wz_radps, config, late)
+    direction, decel = math.copysign(1.0, v_mps), config.limits.decel_mps2
+    speed = max(abs(v_mps), direction * late.v_mps)
+    reaction_s = config.guard.latency_s + late.odometry_s
+    stop_m = stopping_way(speed, reaction_s, decel)
+    curvature = wz_radps / v_mps
+    free_m = free_travel_m(
+        seen.xy, seen.gap_m, seen.corners, config.robot.radius_m, direction, curvature, stop_m
+    )
     if free_m >= stop_m:
-        return GuardedDrive(v_mps, wz_radps, False)
-    speed = accel * (math.sqrt(latency_s * latency_s + 2.0 * free_m / accel) - latency_s)
-    if speed < CRAWL_MPS:
-        return GuardedDrive(0.0, wz_radps, True)
-    return GuardedDrive(math.copysign(speed, v_mps), wz_radps * speed / abs(v_mps), True)
+        return GuardedDrive(v_mps, wz_radps, False, seen.nearest_m, free_m, stop_m)
+    allowed = min(fastest(free_m, reaction_s, decel), abs(v_mps))
+    if allowed < CRAWL_MPS:
+        turn = _guarded_turn(seen, wz_radps, config, late)
+        return GuardedDrive(0.0, turn.wz_radps, True, seen.nearest_m, free_m, stop_m)
+    share = allowed / abs(v_mps)
+    # Where only the measured speed is too much, the wanted one is kept: the base is braking to it already.
+    return GuardedDrive(v_mps * share, wz_radps * share, share < 1.0, seen.nearest_m, free_m, stop_m)
 
 
-def _free_travel_m(
-    xy: Points, gap_m: NDArray[np.float64], direction: float, curvature: float, stop_m: float
-) -> float:
-    """How far along the arc the robot's centre may go before a point is nearer than its gap.
+def stopping_way(speed: float, reaction_s: float, decel: float) -> float:
+    """Covered until standing, from a speed and with a deceleration: [m], or [rad] for a turn."""
+    return speed * reaction_s + speed * speed / (2.0 * decel)
 
-    curvature [1/m]: counter-clockwise turn per metre of forward travel
-    """
-    now_m = np.hypot(xy[:, 0], xy[:, 1])
-    near = now_m < gap_m + stop_m + STEP_M
-    xy, gap_m, now_m = xy[near], gap_m[near], now_m[near]
-    if not len(xy):
-        return stop_m
-    travelled = np.minimum(np.arange(1, math.ceil(stop_m / STEP_M) + 1) * STEP_M, stop_m)
-    along = direction * travelled
-    if abs(curvature) < 1e-6:
-        centre_x, centre_y = along, np.zeros_like(along)
-    else:
-        centre_x = np.sin(along * curvature) / curvature
-        centre_y = (1.0 - np.cos(along * curvature)) / curvature
-    distance_m = np.hypot(xy[:, 0, None] - centre_x, xy[:, 1, None] - centre_y)
-    hit = (distance_m < np.minimum(gap_m, now_m - NEARER_M)[:, None]).any(axis=0)
-    if not hit.any():
-        return stop_m
-    return max(float(travelled[int(np.argmax(hit))]) - STEP_M, 0.0)
+
+def fastest(free: float, reaction_s: float, decel: float) -> float:
+    """The speed from which stopping takes no more than `free`: the inverse of stopping_way."""
+    return decel * (math.sqrt(reaction_s * reaction_s + 2.0 * free / decel) - reaction_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """Everything to keep clear of, and our body."""
+
+    xy: Points  # (n, 2) base frame
+    gap_m: NDArray[np.float64]  # (n,) to be kept beyond the body
+    corners: Points  # (k, 2)
+    nearest_m: float  # beyond the body, less what the things may move; margin not counted
+
+
+def _things_seen(
+    points: Points, peers: NDArray[np.float64], v_mps: float, config: Config, late: Lateness
+) -> _Seen:
+    """Points and peers, each with the way it may have come nearer until we stand."""
+    settings, limits = config.guard, config.limits
+    until_s = late.scan_s + late.odometry_s + settings.latency_s + abs(v_mps) / limits.decel_mps2
+    come_m = settings.obstacle_speed_mps * until_s
+    xy = np.concatenate([points, peers[:, :2]])
+    size_m = np.concatenate([np.full(len(points), come_m), peers[:, 2] + come_m])
+    corners = np.array(config.robot.footprint, np.float64).reshape(-1, 2)
+    nearest = float(nearest_m(xy, size_m, corners, config.robot.radius_m))
+    return _Seen(xy, size_m + settings.margin_m, corners, nearest)
+
+
+def _guarded_turn(seen: _Seen, wz_radps: float, config: Config, late: Lateness) -> GuardedDrive:
+    """Turning in place: corners that are no circle's may touch something."""
+    if not len(seen.corners) or wz_radps == 0.0:
+        return GuardedDrive(0.0, wz_radps, False, seen.nearest_m)
+    radius_m, decel = config.robot.radius_m, config.limits.turn_accel_radps2
+    reaction_s = config.guard.latency_s + late.odometry_s
+    stop_rad = stopping_way(abs(wz_radps), reaction_s, decel)
+    free_rad = free_turn_rad(seen.xy, seen.gap_m, seen.corners, radius_m, math.copysign(stop_rad, wz_radps))
+    allowed = abs(wz_radps) if free_rad >= stop_rad else fastest(free_rad, reaction_s, decel)
+    wz = math.copysign(min(allowed, abs(wz_radps)), wz_radps)
+    limited = free_rad < stop_rad
+    return GuardedDrive(0.0, wz, limited, seen.nearest_m, free_rad * radius_m, stop_rad * radius_m)

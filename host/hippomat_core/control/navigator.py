@@ -175,7 +175,9 @@ def _outcome(
 ) -> tuple[Navigator, NavOutcome]:
     limits, motion = view.config.limits, view.motion
     if len(stretch.points) and not _at_end(nav, motion, stretch):
-        drive = follow(stretch.points, stretch.free_m, motion, nav.drive, view.dt_s, limits, view.costmap)
+        drive = follow(
+            stretch.points, stretch.free_m, motion, nav.drive, view.dt_s, view.config, view.costmap
+        )
         reason = "rotate" if drive.turning else "hold" if stretch.blocked else "follow"
     else:
         drive, reason = limited(STANDING, nav.drive, view.dt_s, limits), "hold"

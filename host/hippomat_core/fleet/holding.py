@@ -33,6 +33,9 @@ def judge(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> Step:
     if claim is None:
         return fleet, []
     newest = int(fleet.tasks.generations[claim.id.slot])
+    if own.drop_claim and own.shun_s:
+        shunned = (*fleet.shunned, (*claim.id.task, stamp_ns + round(own.shun_s * 1e9)))
+        fleet = replace(fleet, shunned=shunned)
     if own.drop_claim or fleet.barred:
         return ended(fleet, stamp_ns, "dropped", own.drop_claim or fleet.barred)
     if claim.id.generation < newest and not claim.turned:

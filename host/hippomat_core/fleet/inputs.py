@@ -48,6 +48,7 @@ class OwnInputs:
     arrived: bool = False  # within the goal tolerance of the claim's destination
     may_serve: bool = True  # nothing but the claim's confirmation stands in the way
     drop_claim: str = ""  # cause, if the claim must be let go
+    shun_s: float = 0.0  # and for how long its task is not to be claimed again
     x_cm: int = 0
     y_cm: int = 0
     z_cm: int = 0
