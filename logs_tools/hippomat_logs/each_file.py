@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -13,6 +12,8 @@ from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from hippomat_logs.interrupts import interrupts_held
 
 Result = TypeVar("Result")
 WORTH_A_PROCESS_BYTES = 4 << 20  # starting one costs a second
@@ -38,12 +39,14 @@ def each_file(
                 bar.advance(task)
             return
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, context, _ignore_interrupts) as pool:
-            for path, result in zip(paths, pool.map(work, paths), strict=True):
-                yield path, result
-                bar.advance(task)
-
-
-def _ignore_interrupts() -> None:
-    """Ctrl-C is the parent's affair."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+        with ProcessPoolExecutor(workers, context) as pool:
+            try:
+                with interrupts_held():  # workers inherit it: Ctrl-C is this process's affair
+                    futures = [pool.submit(work, path) for path in paths]
+                for path, future in zip(paths, futures, strict=True):
+                    yield path, future.result()
+                    bar.advance(task)
+            except KeyboardInterrupt:
+                for worker in multiprocessing.active_children():
+                    worker.terminate()
+                raise

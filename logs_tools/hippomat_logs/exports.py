@@ -107,8 +107,10 @@ def export_parquet(run: OpenedRun, topic: str, directory: Path) -> list[Path]:
 
 def _arrow(arrow: Any, column: NDArray[Any]) -> Any:
     """Lists of one element type for a column of arrays, whatever its first cell holds."""
-    if column.dtype != object or not len(column) or not isinstance(column[0], np.ndarray):
+    if column.dtype != object or not len(column) or isinstance(column[0], str):
         return arrow.array(column)
+    if isinstance(column[0], list):
+        return arrow.array(list(column), type=arrow.list_(arrow.string()))
     return arrow.array(list(column), type=arrow.list_(arrow.from_numpy_dtype(column[0].dtype)))
 
 

@@ -165,7 +165,7 @@ def _summary(data: memoryview, path: Path) -> tuple[int, int]:
     whole = footer >= len(MAGIC) and data[-len(MAGIC) :] == MAGIC and data[footer] == FOOTER
     if not whole:
         raise LogError(
-            f"{path}: is cut short or damaged: `hippomat-logs recover {path}` saves what can be read"
+            f"{path}: is cut short or damaged: `hippomat-logs recover {path}` saves what can be read of ours"
         )
     summary, _, crc = struct.unpack_from("<QQI", data, footer + 9)
     if summary and (summary > footer or (crc and zlib.crc32(data[summary : footer + 25]) != crc)):

@@ -121,6 +121,9 @@ def _speed(axes: Any, run: OpenedRun, topic: str) -> None:
     elapsed_s = np.diff(poses[:, 0])
     moved_m = np.hypot(np.diff(poses[:, 1]), np.diff(poses[:, 2]))
     good = elapsed_s > 0
+    if not good.any():
+        axes.set(title="speed: too few poses")
+        return
     window = max(1, min(5, good.sum()))
     speed_mps = np.convolve(moved_m[good] / elapsed_s[good], np.ones(window) / window, mode="same")
     times_s = poses[1:, 0][good] - run.span_ns[0] / 1e9

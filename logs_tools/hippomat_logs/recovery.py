@@ -83,7 +83,9 @@ def _recover_finished(path: Path, store: MessageStore) -> str:
             raise HippomatError(f"{path.parent / name} exists already; move it away first") from None
         kept, contents = _rewrite(path, name, store)
         if not contents.manifest:
-            raise LogError(f"{path}: nothing in it could be read") from None
+            raise LogError(
+                f"{path}: holds no run manifest of ours that could be read, so nothing was made of it"
+            ) from None
         return f"{name}: {kept} records of {path.name} kept; {_shown(contents) or 'all chunks whole'}"
     return f"{path.name}: whole, nothing to do"
 

@@ -6,13 +6,11 @@ Decides what is printed and the exit code: 0 reproduced, 1 tool or usage error, 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import multiprocessing
 import os
-import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from pathlib import Path
 from queue import Empty
@@ -23,6 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from hippomat_core.errors import HippomatError
+from hippomat_logs.interrupts import interrupts_held
 from hippomat_logs.manifest import recorded_threads
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.replay import LEVELS, ReplayOptions, replay_run
@@ -152,7 +151,7 @@ def _replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
     )
     with bar, ProcessPoolExecutor(workers, context, _start_worker, (queue,)) as pool:
         try:
-            with _interrupts_held():  # workers inherit it: Ctrl-C is this process's affair
+            with interrupts_held():  # workers inherit it: Ctrl-C is this process's affair
                 futures = [pool.submit(_replay_in_worker, run.paths, options) for run in runs]
             _watch(futures, runs, queue, bar)
         except KeyboardInterrupt:
@@ -160,16 +159,6 @@ def _replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
                 worker.terminate()
             raise
         return [future.result() for future in futures]
-
-
-@contextlib.contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Ctrl-C arrives when this ends; never in a process started meanwhile."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _watch(futures: list[Future[RunReport]], runs: list[Run], queue: Any, bar: Progress) -> None:

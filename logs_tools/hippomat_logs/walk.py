@@ -114,9 +114,13 @@ def check_frame(data: memoryview, name: str) -> tuple[int, int]:
     summary, offsets, summary_crc = struct.unpack_from("<QQI", data, footer + 9)
     if (opcode, length) != (FOOTER, 20) or not len(MAGIC) + DATA_END_BYTES <= summary <= offsets <= footer:
         raise damaged("footer damaged")
+    end = summary - DATA_END_BYTES
+    if not summary_crc or not struct.unpack_from("<I", data, end + 9)[0]:
+        raise LogError(
+            f"{name}: carries no checksums, as every log of ours does: was it recorded by hippomat?"
+        )
     if zlib.crc32(data[summary : footer + 9 + 16]) != summary_crc:
         raise damaged("summary or footer checksum wrong")
-    end = summary - DATA_END_BYTES
     if PREFIX.unpack_from(data, end) != (DATA_END, 4):
         raise damaged("end of the data section damaged")
     (said,) = struct.unpack_from("<I", data, end + 9)
