@@ -183,5 +183,5 @@ def test_info_goes_on_where_one_log_is_broken(
 
 def test_a_log_of_somebody_else_is_called_that_and_not_damaged():
     bag = data_folder() / "bags" / "talker.mcap"
-    with pytest.raises(LogError, match="was not recorded by hippomat"):
+    with pytest.raises(LogError, match="was it recorded by hippomat"):
         open_runs([bag])
