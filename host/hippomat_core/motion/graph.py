@@ -1,0 +1,110 @@
+"""The cells that robots occupy one at a time, and the moves between them. Knows no robots and no metres.
+
+A move goes to a neighbouring cell; with diagonals it cuts no corner. Every cell and every point halfway
+between two cells is a *place* of a grid twice as fine. Two moves that swap cells, or cross between cells,
+meet at the place halfway: vertex, swap and crossing conflicts are all "two robots at one place".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from hippomat_core.planning.field3d import STEPS_3D, cell_space
+
+UNREACHED = 1 << 24  # moves; more than any way has
+_STRAIGHT = 6  # of STEPS_3D, which has the straight steps first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionGraph:
+    """K free cells. A node is the index of a cell, in their order in memory."""
+
+    cells: NDArray[np.int32]  # (K, 3) [ix, iy, iz]
+    node_of: NDArray[np.int32]  # (Z, Y, X) [iz, iy, ix], -1 where not free
+    neighbours: NDArray[np.int32]  # (K, D), -1 where there is no move
+    middles: NDArray[np.int64]  # (K, D) the place halfway to each neighbour
+    places: NDArray[np.int64]  # (K,) of the cells themselves
+    place_count: int
+    diagonals: bool
+
+    def node(self, ix: int, iy: int, iz: int = 0) -> int:
+        """The node of a cell; -1 where that is outside the grid or not free."""
+        layers, height, width = self.node_of.shape
+        inside = 0 <= ix < width and 0 <= iy < height and 0 <= iz < layers
+        return int(self.node_of[iz, iy, ix]) if inside else -1
+
+
+def motion_graph(free: NDArray[np.bool_], diagonals: bool = False) -> MotionGraph:
+    """Over free (Z, Y, X) or (Y, X) cells: 4- or 8-connected in one layer, 6- or 26-connected in several."""
+    free = free[None] if free.ndim == 2 else free
+    layers, height, width = free.shape
+    space = cell_space(free)
+    steps = STEPS_3D if diagonals else STEPS_3D[:_STRAIGHT]
+    open_ = space.steps_out.reshape(layers + 2, height + 2, width + 2)[1:-1, 1:-1, 1:-1][free]
+    cells = np.argwhere(free)[:, ::-1].astype(np.int32)
+    node_of = np.full(free.shape, -1, np.int32)
+    node_of[free] = np.arange(len(cells), dtype=np.int32)
+    neighbours = np.full((len(cells), len(steps)), -1, np.int32)
+    middles = np.zeros((len(cells), len(steps)), np.int64)
+    strides = np.array([1, 2 * width, 4 * width * height], np.int64)
+    for bit, step in enumerate(steps):
+        leads = np.flatnonzero(open_ >> np.uint32(bit) & np.uint32(1))
+        x, y, z = (cells[leads] + np.array(step, np.int32)).T
+        neighbours[leads, bit] = node_of[z, y, x]
+        middles[leads, bit] = (2 * cells[leads].astype(np.int64) + np.array(step)) @ strides
+    places = 2 * cells.astype(np.int64) @ strides
+    used = np.flatnonzero((neighbours >= 0).any(axis=0))  # one layer has no moves up or down
+    kept = used if len(used) else np.arange(1)
+    neighbours, middles = neighbours[:, kept].copy(), middles[:, kept].copy()
+    return MotionGraph(cells, node_of, neighbours, middles, places, 8 * free.size, diagonals)
+
+
+def largest_part(graph: MotionGraph) -> NDArray[np.int32]:
+    """The nodes of the largest set that reach one another, in order."""
+    tails, columns = np.nonzero(graph.neighbours >= 0)
+    heads = graph.neighbours[tails, columns]
+    count = len(graph.cells)
+    edges = csr_matrix((np.ones(len(tails), np.int8), (tails, heads)), shape=(count, count))
+    _, label = connected_components(edges, directed=False)
+    return np.flatnonzero(label == np.argmax(np.bincount(label))).astype(np.int32)
+
+
+def moves_to(graph: MotionGraph, node: int) -> NDArray[np.int32]:
+    """(K,) fewest moves from every node to this one; UNREACHED where there is no way."""
+    return _spread(graph.neighbours, np.array([node], np.int32))
+
+
+def moves_to_any(graph: MotionGraph, nodes: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(K,) fewest moves from every node to the nearest of some."""
+    return _spread(graph.neighbours, nodes.astype(np.int32))
+
+
+@njit(cache=True, nogil=True)
+def _spread(neighbours: NDArray[np.int32], goals: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Breadth first: all moves take equally long."""
+    count, directions = neighbours.shape
+    moves = np.full(count, UNREACHED, np.int32)
+    queue = np.empty(count, np.int32)
+    end = 0
+    for goal in goals:
+        if moves[goal] == UNREACHED:
+            moves[goal] = 0
+            queue[end] = goal
+            end += 1
+    begin = 0
+    while begin < end:
+        node = queue[begin]
+        begin += 1
+        for direction in range(directions):
+            other = neighbours[node, direction]
+            if other >= 0 and moves[other] == UNREACHED:
+                moves[other] = moves[node] + 1
+                queue[end] = other
+                end += 1
+    return moves
