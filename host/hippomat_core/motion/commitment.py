@@ -5,18 +5,18 @@ the second it stands in its last cell for ever. A commitment is only ever extend
 the present tick, and each robot broadcasts it several times a tick. Robots decide in turn (their slots on the
 air), so that no two decide at the same moment.
 
-`may_extend` grants a move where it meets no commitment that any peer *can* have at that moment. A peer that was
-heard since it last decided has exactly the commitment that was heard. One that was not can have extended it
-by at most the moves that begin between the tick of that news and the present one; it may then be in any cell
-within so many moves of the end that was heard (distance is measured without obstacles, which only adds cells).
+`may_extend` grants a move where it meets no commitment that any peer *can* have at that moment. A peer that
+was heard since it last decided has exactly the commitment that was heard. One that was not can have extended
+it by at most the moves that begin between the tick of that news and the present one; it may then be in any
+cell within so many moves of the end that was heard (distance without obstacles: that only adds cells).
 
 Why no two commitments ever meet: at the start everyone stands in a cell of its own. Let it be true before a
 decision of robot i. Whatever i knows, the commitment that peer j really has is among those that i considers
 possible, because j can only have extended the one that i heard, by moves of j's speed, beginning no later
-than the present tick. i extends only if the new move, and standing at its end for ever, meets none of
-them; so it does not meet the real one, and the statement is true after the decision. It does not matter whether
-j has heard i: j's own decisions are judged by the same rule with i's possible extensions. And a robot that
-is granted nothing stands where its commitment ends, which all others keep clear of: standing is always safe.
+than the present tick. i extends only if the new move, and standing at its end for ever, meets none of them;
+so it does not meet the real one, and the statement is true after the decision. It does not matter whether j
+has heard i: j's own decisions are judged by the same rule with i's possible extensions. And a robot that is
+granted nothing stands where its commitment ends, which all others keep clear of: standing is always safe.
 
 A robot that follows another, in the tick in which that one leaves, needs to have heard that it leaves: a cell
 counts as taken to the end of the last *heard* commitment. Rings of robots that follow one another can
@@ -36,7 +36,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from hippomat_core.motion.window_kernels import Ways
+from hippomat_core.motion.graph import Ways, halfway
 
 NEVER = -(1 << 40)
 
@@ -78,10 +78,7 @@ def may_extend(
     end = begin + known.ticks[robot]
     if known.begins[robot, 1] + known.ticks[robot] > begin:
         return False  # it is still on its way to `tail`
-    middle = np.int64(-1)
-    for direction in range(ways.neighbours.shape[1]):
-        if ways.neighbours[tail, direction] == head:
-            middle = ways.middles[tail, direction]
+    middle = halfway(ways, tail, head)
     if middle < 0:
         return False
     for peer in range(len(known.ticks)):
@@ -94,9 +91,17 @@ def may_extend(
 
 
 @njit(cache=True, nogil=True)
-def _meets(
-    ways: Ways, known: Commitments, peer: int, head: int, middle: int, begin: int, end: int
-) -> bool:
+def extend(known: Commitments, robot: int, head: int, now: int) -> None:
+    """Commit `robot` to the move that may_extend granted it."""
+    known.nodes[robot, 0] = known.nodes[robot, 1]
+    known.nodes[robot, 1] = known.nodes[robot, 2]
+    known.nodes[robot, 2] = head
+    known.begins[robot, 0] = known.begins[robot, 1]
+    known.begins[robot, 1] = now
+
+
+@njit(cache=True, nogil=True)
+def _meets(ways: Ways, known: Commitments, peer: int, head: int, middle: int, begin: int, end: int) -> bool:
     """Whether moving to `head` and staying there meets what the peer was heard to be committed to."""
     ticks = known.ticks[peer]
     if head == known.nodes[peer, 2]:
@@ -109,10 +114,8 @@ def _meets(
         # The cell is held up to the last tick before the peer's arrival; ours from the tick after `begin`.
         if left == head and starts + ticks - 1 >= begin + 1:
             return True
-        if starts < end and begin < starts + ticks:
-            for direction in range(ways.neighbours.shape[1]):
-                if ways.neighbours[left, direction] == reached and ways.middles[left, direction] == middle:
-                    return True
+        if starts < end and begin < starts + ticks and halfway(ways, left, reached) == middle:
+            return True
     return False
 
 

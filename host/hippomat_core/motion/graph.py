@@ -8,6 +8,7 @@ meet at the place halfway: vertex, swap and crossing conflicts are all "two robo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -40,6 +41,15 @@ class MotionGraph:
         return int(self.node_of[iz, iy, ix]) if inside else -1
 
 
+class Ways(NamedTuple):
+    """A MotionGraph's arrays for the compiled part."""
+
+    neighbours: NDArray[np.int32]
+    middles: NDArray[np.int64]
+    places: NDArray[np.int64]
+    span: int  # place_count
+
+
 def motion_graph(free: NDArray[np.bool_], diagonals: bool = False) -> MotionGraph:
     """Over free (Z, Y, X) or (Y, X) cells: 4- or 8-connected in one layer, 6- or 26-connected in several."""
     free = free[None] if free.ndim == 2 else free
@@ -61,8 +71,8 @@ def motion_graph(free: NDArray[np.bool_], diagonals: bool = False) -> MotionGrap
     places = 2 * cells.astype(np.int64) @ strides
     used = np.flatnonzero((neighbours >= 0).any(axis=0))  # one layer has no moves up or down
     kept = used if len(used) else np.arange(1)
-    neighbours, middles = neighbours[:, kept].copy(), middles[:, kept].copy()
-    return MotionGraph(cells, node_of, neighbours, middles, places, 8 * free.size, diagonals)
+    columns = neighbours[:, kept].copy(), middles[:, kept].copy()
+    return MotionGraph(cells, node_of, *columns, places, 8 * free.size, diagonals)
 
 
 def largest_part(graph: MotionGraph) -> NDArray[np.int32]:
@@ -77,27 +87,27 @@ def largest_part(graph: MotionGraph) -> NDArray[np.int32]:
 
 def moves_to(graph: MotionGraph, node: int) -> NDArray[np.int32]:
     """(K,) fewest moves from every node to this one; UNREACHED where there is no way."""
-    return _spread(graph.neighbours, np.array([node], np.int32))
-
-
-def moves_to_any(graph: MotionGraph, nodes: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(K,) fewest moves from every node to the nearest of some."""
-    return _spread(graph.neighbours, nodes.astype(np.int32))
+    return _spread(graph.neighbours, node)
 
 
 @njit(cache=True, nogil=True)
-def _spread(neighbours: NDArray[np.int32], goals: NDArray[np.int32]) -> NDArray[np.int32]:
+def halfway(ways: Ways, tail: int, head: int) -> int:
+    """The place halfway of the move from tail to head, -1 where there is no such move."""
+    for direction in range(ways.neighbours.shape[1]):
+        if ways.neighbours[tail, direction] == head:
+            return int(ways.middles[tail, direction])
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def _spread(neighbours: NDArray[np.int32], goal: int) -> NDArray[np.int32]:
     """Breadth first: all moves take equally long."""
     count, directions = neighbours.shape
     moves = np.full(count, UNREACHED, np.int32)
     queue = np.empty(count, np.int32)
-    end = 0
-    for goal in goals:
-        if moves[goal] == UNREACHED:
-            moves[goal] = 0
-            queue[end] = goal
-            end += 1
-    begin = 0
+    moves[goal] = 0
+    queue[0] = goal
+    begin, end = 0, 1
     while begin < end:
         node = queue[begin]
         begin += 1

@@ -1,7 +1,7 @@
 """Priority inheritance with backtracking (Okumura et al. 2019), one move at a time, for comparison.
 
-Without the swap technique of later versions: two robots that meet in a dead end may wait for ever. Robots that
-are still on a move keep to it. Knows what the Scene tells.
+Without the swap technique of later versions: two robots that meet in a dead end may wait for ever. Robots
+that are still on a move keep to it. Knows what the Scene tells.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from hippomat_core.motion.graph import UNREACHED
-from hippomat_core.motion.scene import Plan, Scene, first_in_line
-from hippomat_core.motion.window_kernels import Fleet, Ways
+from hippomat_core.motion.graph import UNREACHED, Ways, halfway
+from hippomat_core.motion.scene import Fleet, Plan, Scene, fleet_of, ways_of
+from hippomat_core.motion.window_kernels import line_of
 
 
 class PibtPlanner:
@@ -23,12 +23,10 @@ class PibtPlanner:
     def plan(self, scene: Scene, before: Plan | None) -> Plan:
         """See scene.MotionPlanner; of the plan before nothing is used."""
         del before
-        graph = scene.graph
-        ways = Ways(graph.neighbours, graph.middles, graph.places, graph.place_count)
-        fleet = Fleet(scene.node, scene.ready, scene.leaving, scene.ticks, scene.goal_field, scene.fields)
-        order = first_in_line(scene)
-        target = scene.node.copy()
-        _next_nodes(ways, fleet, order, target, np.full(len(graph.cells), -1, np.int32))
+        fleet, target = fleet_of(scene), scene.node.copy()
+        order = line_of(fleet.node, fleet.goal, fleet.since)
+        standing = np.full(len(scene.graph.cells), -1, np.int32)
+        _next_nodes(ways_of(scene.graph), fleet, order, target, standing)
         return Plan(scene.tick, target[:, None], scene.goal.copy())
 
 
@@ -118,25 +116,17 @@ def _crosses(
     target: NDArray[np.int32],
     chosen: NDArray[np.bool_],
 ) -> bool:
-    """Whether another robot's move that is chosen already meets ours halfway: a swap, or crossing diagonals."""
+    """Whether a move that another has chosen already meets ours halfway: a swap, or crossing diagonals."""
     tail = fleet.node[robot]
     if head == tail:
         return False
-    middle = _halfway(ways, tail, head)
+    middle = halfway(ways, tail, head)
     for other in range(len(target)):
         if other == robot or not chosen[other]:
             continue
         left, reached = fleet.node[other], target[other]
         if fleet.ready[other] > 0:
             left, reached = fleet.leaving[other], fleet.node[other]
-        if left != reached and _halfway(ways, left, reached) == middle:
+        if left != reached and halfway(ways, left, reached) == middle:
             return True
     return False
-
-
-@njit(cache=True, nogil=True)
-def _halfway(ways: Ways, tail: int, head: int) -> int:
-    for direction in range(ways.neighbours.shape[1]):
-        if ways.neighbours[tail, direction] == head:
-            return ways.middles[tail, direction]
-    return -1

@@ -25,7 +25,7 @@ def table_size(robots: int, ticks: int) -> int:
 def _entry(keys: Keys, key: int) -> int:
     mask = len(keys) - 1
     # Fibonacci hashing; the product wraps around, its upper bits are well mixed.
-    at = (np.int64(key) * np.int64(0x1E3779B97F4A7C15) >> np.int64(29)) & mask
+    at = int((key * 0x1E3779B97F4A7C15 >> 29) & mask)
     while keys[at] != 0 and keys[at] != key:
         at = (at + 1) & mask
     return at
@@ -34,7 +34,7 @@ def _entry(keys: Keys, key: int) -> int:
 @njit(cache=True, nogil=True, inline="always")
 def holder(keys: Keys, owners: Owners, span: int, tick: int, place: int) -> int:
     """Who holds a place at a tick, NOBODY if it is free. span: number of places."""
-    key = np.int64(tick) * span + place + 1
+    key = int(tick) * span + place + 1
     at = _entry(keys, key)
     return owners[at] if keys[at] == key else NOBODY
 
@@ -42,10 +42,19 @@ def holder(keys: Keys, owners: Owners, span: int, tick: int, place: int) -> int:
 @njit(cache=True, nogil=True, inline="always")
 def hold(keys: Keys, owners: Owners, span: int, tick: int, place: int, robot: int) -> bool:
     """Enter a robot. False, and nothing changes, where another one holds the place at that tick."""
-    key = np.int64(tick) * span + place + 1
+    key = int(tick) * span + place + 1
     at = _entry(keys, key)
-    if keys[at] == key:
+    if keys[at] == key and owners[at] != NOBODY:
         return bool(owners[at] == robot)
     keys[at] = key
     owners[at] = robot
     return True
+
+
+@njit(cache=True, nogil=True, inline="always")
+def release(keys: Keys, owners: Owners, span: int, tick: int, place: int, robot: int) -> None:
+    """Undo hold(). The entry stays in the chain of those that were stored after it, held by nobody."""
+    key = int(tick) * span + place + 1
+    at = _entry(keys, key)
+    if keys[at] == key and owners[at] == robot:
+        owners[at] = NOBODY

@@ -10,13 +10,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.errors import ConfigError
-from hippomat_core.motion.graph import MotionGraph
+from hippomat_core.motion.graph import MotionGraph, Ways
 
 MAX_TICKS = 32  # a move; more and windows get too long to search
 
@@ -60,16 +60,42 @@ class MotionPlanner(Protocol):
         ...
 
 
-def first_in_line(scene: Scene) -> NDArray[np.int32]:
-    """(N,) robots, those first that have had their goal longest; robots without a way to one last."""
-    hopeful = scene.goal != scene.node
-    return np.lexsort((np.arange(len(scene.node)), scene.since, ~hopeful)).astype(np.int32)
+class Fleet(NamedTuple):
+    """A Scene's arrays for the compiled part."""
+
+    node: NDArray[np.int32]
+    ready: NDArray[np.int32]
+    leaving: NDArray[np.int32]
+    ticks: NDArray[np.int32]
+    goal: NDArray[np.int32]
+    goal_field: NDArray[np.int32]
+    since: NDArray[np.int64]
+    fields: NDArray[np.int32]
+
+
+def ways_of(graph: MotionGraph) -> Ways:
+    """For the compiled part."""
+    return Ways(graph.neighbours, graph.middles, graph.places, graph.place_count)
+
+
+def fleet_of(scene: Scene) -> Fleet:
+    """For the compiled part."""
+    return Fleet(
+        scene.node,
+        scene.ready,
+        scene.leaving,
+        scene.ticks,
+        scene.goal,
+        scene.goal_field,
+        scene.since,
+        scene.fields,
+    )
 
 
 def ticks_of(speeds_mps: Sequence[float]) -> tuple[int, ...]:
-    """Ticks of a move at each speed, the smallest whole numbers in the right ratios. ConfigError over MAX_TICKS.
+    """Ticks of a move at each speed, the smallest whole numbers in the right ratios: 5 and 3 for 3 and 5 m/s.
 
-    3 and 5 m/s: 5 and 3.
+    ConfigError where one exceeds MAX_TICKS.
     """
     periods = [1 / Fraction(str(speed)) for speed in speeds_mps]
     scale = math.lcm(*(period.denominator for period in periods))

@@ -1,7 +1,7 @@
 """The paper's scheme, for comparison: drive the shortest way, wait where it is blocked, then go round.
 
-After three blockages a robot plans again around the cells where the others stand, and goes on waiting where no
-way is left. Nobody is ever asked to give way. Knows what the Scene tells.
+After three blockages a robot plans again around the cells where the others stand, and goes on waiting where
+no way is left. Nobody is ever asked to give way. Knows what the Scene tells.
 """
 
 from __future__ import annotations

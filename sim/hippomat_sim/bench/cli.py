@@ -19,6 +19,8 @@ examples:
   hippomat-bench radio --nodes 30 --rate 10 --hidden 0.2 --seconds 60
   hippomat-bench radio --loss 0.3 --json
   hippomat-bench radio --faults --seconds 3600 --no-plain --plot agreement.png
+  hippomat-bench motion --map warehouse
+  hippomat-bench motion --map random:0.3 --loss 0.3 --seeds 2 --picture motion.png
   hippomat-bench tables --out build/tables --resume
   hippomat-bench tables --only fixed --methods graphsage,greedy --agents 5,10 --episodes 200
 """
@@ -30,6 +32,11 @@ _TABLES = """\
 Compares every way to allocate on the same frozen problems: the paper's four tables beside its own
 values, fixed and continuous tasks, what learning adds, losses, larger fleets, permuted slots. Writes
 Markdown, CSV, JSON and pictures; what was measured stays in a file, and --resume goes on from there."""
+
+_MOTION = """\
+Robots that drive to one goal after another on one map, each planning for the whole fleet from what it
+heard; a checker that knows only geometry looks for collisions. The bound is every robot driving its
+shortest ways without a pause, as if it were alone."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -43,7 +50,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _main(arguments: Sequence[str] | None) -> int:
-    from hippomat_sim.bench import radio_command, tables_command  # here: guarded() names a missing package
+    from hippomat_sim.bench import (
+        motion_command,
+        radio_command,
+        tables_command,
+    )  # here: guarded() names a missing package
 
     parser = _Parser(
         prog="hippomat-bench",
@@ -51,7 +62,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="radio | tables")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="radio | motion | tables")
     radio = commands.add_parser(
         "radio",
         help="delivery, fleet time, snapshots and STOP of a fleet of radios",
@@ -61,6 +72,15 @@ def _main(arguments: Sequence[str] | None) -> int:
     )
     radio_command.add_options(radio)
     radio.set_defaults(run=radio_command.run)
+    motion = commands.add_parser(
+        "motion",
+        help="collision-free motion of many robots: collisions, stuck robots, throughput, time to plan",
+        description=_MOTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    motion_command.add_options(motion)
+    motion.set_defaults(run=motion_command.run)
     tables = commands.add_parser(
         "tables",
         help="what the ways to allocate achieve, beside the paper's values",

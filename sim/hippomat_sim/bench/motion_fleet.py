@@ -7,24 +7,22 @@ and decide just before they send. Counts nothing and judges nothing.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from hippomat_core.motion.commitment import Commitments, may_extend, standing
-from hippomat_core.motion.graph import MotionGraph
+from hippomat_core.motion.commitment import Commitments, extend, may_extend, standing
+from hippomat_core.motion.graph import MotionGraph, Ways
 from hippomat_core.motion.planners import make_planner
-from hippomat_core.motion.scene import MotionPlanner, Plan, Scene
-from hippomat_core.motion.window_kernels import Ways
+from hippomat_core.motion.scene import MotionPlanner, Plan, Scene, ways_of
 
 FORGET_TICKS = 60
 FIELDS_KEPT = 4  # of a robot's latest goals: a peer may not have heard of the newest
 
 
-@dataclass(eq=False)
-class Errands:
+class Errands(NamedTuple):
     """What the robots want, as each knows it. Arrays (N,) of the truth or (N, N) [who knows, of whom]."""
 
     goal: NDArray[np.int32]
@@ -38,18 +36,15 @@ class MotionFleet:
     def __init__(self, graph: MotionGraph, starts: NDArray[np.int32], ticks: NDArray[np.int32], planner: str):
         self.graph, self.ticks, self.tick = graph, ticks, 0
         count = len(starts)
-        self.ways = Ways(graph.neighbours, graph.middles, graph.places, graph.place_count)
+        self.ways = ways_of(graph)
         self.truth = standing(starts, ticks)
-        self.known = Commitments(
-            *(np.repeat(part[None], count, axis=0) for part in (*self.truth[:2],)),
-            ticks,
-            *(np.repeat(part[None], count, axis=0) for part in self.truth[3:]),
-        )
+        nodes, begins, _, heard, exact = (_for_each(part, count) for part in self.truth)
+        self.known = Commitments(nodes, begins, ticks, heard, exact)
         self.fields = np.zeros((count * FIELDS_KEPT, len(graph.cells)), np.int32)
-        self.wants = Errands(starts.copy(), np.arange(count, dtype=np.int32) * FIELDS_KEPT, np.zeros(count, np.int64))
-        self.heard_wants = Errands(
-            *(np.repeat(part[None], count, axis=0) for part in (self.wants.goal, self.wants.goal_field, self.wants.since))
-        )
+        fields = np.arange(count, dtype=np.int32) * FIELDS_KEPT
+        self.wants = Errands(starts.copy(), fields, np.zeros(count, np.int64))
+        goal, goal_field, since = (_for_each(part, count) for part in self.wants)
+        self.heard_wants = Errands(goal, goal_field, since)
         self.planners: list[MotionPlanner] = [make_planner(planner) for _ in range(count)]
         self.plans: list[Plan | None] = [None] * count
         self.planning_s = 0.0
@@ -78,9 +73,9 @@ class MotionFleet:
             planning = np.arange(1)
         for robot in planning.tolist():
             scene = self._scene(robot)
-            begun = time.perf_counter()
+            begun = time.thread_time()
             plan = self.planners[robot].plan(scene, self.plans[robot])
-            self.planning_s += (time.perf_counter() - begun) / len(planning)
+            self.planning_s += (time.thread_time() - begun) / len(planning)
             self.plans[robot] = plan
             if lost.any():
                 wishes[robot] = plan.wish(robot, self.tick)
@@ -93,8 +88,8 @@ class MotionFleet:
             self.graph.diagonals,
             self.truth,
             self.known,
-            (self.wants.goal, self.wants.goal_field, self.wants.since),
-            (self.heard_wants.goal, self.heard_wants.goal_field, self.heard_wants.since),
+            self.wants,
+            self.heard_wants,
             wishes,
             self.tick,
             FORGET_TICKS,
@@ -128,25 +123,37 @@ class MotionFleet:
         )
 
 
+def _for_each(part: NDArray[Any], count: int) -> NDArray[Any]:
+    """(count, N, ...): the same for everyone to begin with."""
+    return np.repeat(part[None], count, axis=0)
+
+
 @njit(cache=True, nogil=True)
-def _exchange(ways, cells, diagonals, truth, known, wants, heard_wants, wishes, now, forget, lost, begins):  # type: ignore[no-untyped-def]
+def _exchange(
+    ways: Ways,
+    cells: NDArray[np.int32],
+    diagonals: bool,
+    truth: Commitments,
+    known: Commitments,
+    wants: Errands,
+    heard_wants: Errands,
+    wishes: NDArray[np.int32],
+    now: int,
+    forget: int,
+    lost: NDArray[np.bool_],
+    begins: NDArray[np.bool_],
+) -> None:
     """Rounds of deciding and sending; fills begins (N,)."""
-    goal, goal_field, since = wants
-    heard_goal, heard_field, heard_since = heard_wants
     for turn in range(lost.shape[0]):
         for robot in range(len(wishes)):
             view = Commitments(
                 known.nodes[robot], known.begins[robot], known.ticks, known.heard[robot], known.exact[robot]
             )
             head = wishes[robot]
-            if not begins[robot] and head != truth.nodes[robot, 2]:
-                if may_extend(ways, cells, diagonals, view, robot, head, now, forget):
-                    truth.nodes[robot, 0] = truth.nodes[robot, 1]
-                    truth.nodes[robot, 1] = truth.nodes[robot, 2]
-                    truth.nodes[robot, 2] = head
-                    truth.begins[robot, 0] = truth.begins[robot, 1]
-                    truth.begins[robot, 1] = now
-                    begins[robot] = True
+            moves = not begins[robot] and head != truth.nodes[robot, 2]
+            if moves and may_extend(ways, cells, diagonals, view, robot, head, now, forget):
+                extend(truth, robot, head, now)
+                begins[robot] = True
             for peer in range(len(wishes)):
                 if peer != robot and lost[turn, robot, peer]:
                     known.exact[peer, robot] = False
@@ -155,6 +162,6 @@ def _exchange(ways, cells, diagonals, truth, known, wants, heard_wants, wishes, 
                 known.begins[peer, robot] = truth.begins[robot]
                 known.heard[peer, robot] = now
                 known.exact[peer, robot] = True
-                heard_goal[peer, robot] = goal[robot]
-                heard_field[peer, robot] = goal_field[robot]
-                heard_since[peer, robot] = since[robot]
+                heard_wants.goal[peer, robot] = wants.goal[robot]
+                heard_wants.goal_field[peer, robot] = wants.goal_field[robot]
+                heard_wants.since[peer, robot] = wants.since[robot]

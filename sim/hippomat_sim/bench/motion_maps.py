@@ -81,7 +81,7 @@ def _from_file(path: Path) -> NDArray[np.bool_]:
     """A ROS map, one cell of the benchmark for each of its cells, or a MovingAI .map."""
     if path.suffix in (".yaml", ".yml"):
         grid = load_map(path)
-        return (grid.cells >= 0) & (grid.cells < OCCUPIED_FROM)
+        return np.asarray((grid.cells >= 0) & (grid.cells < OCCUPIED_FROM), np.bool_)
     if path.suffix != ".map":
         raise ConfigError(
             f"--map {path}: give warehouse, corridors, random:P, a ROS map's .yaml or a MovingAI .map"

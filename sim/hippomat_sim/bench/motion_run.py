@@ -121,7 +121,7 @@ class MotionRun:
         self._park()
         left = fleet.fields[fleet.wants.goal_field, node].astype(np.int64)
         nearer = arrived | (left < self.nearest)
-        self.nearest = np.where(nearer, left, self.nearest)
+        self.nearest[nearer] = left[nearer]
         self.nearest_tick[nearer] = tick
         self.ever_stuck |= self.busy & (tick - self.nearest_tick > STUCK_TICKS * self.ticks.max())
 
