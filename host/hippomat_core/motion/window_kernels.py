@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from hippomat_core.motion.graph import Ways, halfway
-from hippomat_core.motion.reservations import hold, release
+from hippomat_core.motion.reservations import NOBODY, hold, holder, release
 from hippomat_core.motion.scene import Fleet
 from hippomat_core.motion.search import NO_PATH, Search, Table, find_path, write_path
 
@@ -67,8 +67,21 @@ def plan_fleet(
     reserved: the table holds what is reserved for target as it is
 
     Who has had its goal longest chooses first. Whoever finds no path moves to the front, and all choose anew.
+    One that rests where it stands and finds no path is in the way of somebody: it takes over what that one
+    wants (priority inheritance), so that it moves on before it rather than wall it in.
     """
     order = line_of(fleet.node, fleet.goal, fleet.since)
+    pursued = fleet.goal_field.copy()
+    fleet = Fleet(
+        fleet.node,
+        fleet.ready,
+        fleet.leaving,
+        fleet.ticks,
+        fleet.goal,
+        pursued,
+        fleet.since,
+        fleet.fields,
+    )
     count = len(order)
     planned = kept.copy()
     failed = restarts = place = 0
@@ -88,6 +101,8 @@ def plan_fleet(
             order[1 : place + 1] = order[:place].copy()
             order[0] = robot
             restarts += 1
+            if fleet.goal[robot] == fleet.node[robot]:
+                pursued[robot] = pursued[_pusher(ways, fleet, robot, begin, target.shape[1], table)]
             place = 0
             planned[:] = False
             _reserve_commitments(ways, fleet, begin, target, kept, table)
@@ -104,13 +119,32 @@ def plan_fleet(
 
 
 @njit(cache=True, nogil=True)
+def _pusher(ways: Ways, fleet: Fleet, robot: int, begin: int, window: int, table: Table) -> int:
+    """Who wants to get past a robot that rests: through whoever it has pushed already; itself if nobody."""
+    pushed = robot
+    for _ in range(len(fleet.node)):
+        by = NOBODY
+        for tick in range(begin + fleet.ready[pushed] + 1, window):
+            by = holder(table.keys, table.owners, ways.span, tick, ways.places[fleet.node[pushed]])
+            if by >= 0 and by != pushed:
+                break
+        if by < 0 or by == pushed:
+            return robot
+        if fleet.goal[by] != fleet.node[by]:
+            return by
+        pushed = by
+    return robot
+
+
+@njit(cache=True, nogil=True)
 def _reserve_commitments(
     ways: Ways, fleet: Fleet, begin: int, target: NDArray[np.int32], kept: NDArray[np.bool_], table: Table
 ) -> None:
     table.keys[:] = 0
     for robot in range(len(fleet.node)):
         node, left = fleet.node[robot], fleet.leaving[robot]
-        for tick in range(begin, begin + fleet.ready[robot] + 1):
+        # It still holds its cell while it leaves: whoever plans first must leave it that much time.
+        for tick in range(begin, begin + fleet.ready[robot] + fleet.ticks[robot]):
             hold(table.keys, table.owners, ways.span, tick, ways.places[node], robot)
         if left != node:
             middle = halfway(ways, left, node)

@@ -37,7 +37,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
             int,
             default.rounds,
             "R",
-            "times that every robot sends before the moves of a tick begin",
+            "times that every robot decides and sends before the moves of a tick",
         ),
     )
     for option, of_type, value, metavar, text in numbers:

@@ -7,6 +7,7 @@ and decide just before they send. Counts nothing and judges nothing.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 
 from hippomat_core.motion.commitment import Commitments, extend, may_extend, standing
 from hippomat_core.motion.graph import MotionGraph, Ways
-from hippomat_core.motion.planners import make_planner
 from hippomat_core.motion.scene import MotionPlanner, Plan, Scene, ways_of
 
 FORGET_TICKS = 60
@@ -33,7 +33,13 @@ class Errands(NamedTuple):
 class MotionFleet:
     """N robots on one graph."""
 
-    def __init__(self, graph: MotionGraph, starts: NDArray[np.int32], ticks: NDArray[np.int32], planner: str):
+    def __init__(
+        self,
+        graph: MotionGraph,
+        starts: NDArray[np.int32],
+        ticks: NDArray[np.int32],
+        make_planner: Callable[[], MotionPlanner],
+    ):
         self.graph, self.ticks, self.tick = graph, ticks, 0
         count = len(starts)
         self.ways = ways_of(graph)
@@ -45,7 +51,7 @@ class MotionFleet:
         self.wants = Errands(starts.copy(), fields, np.zeros(count, np.int64))
         goal, goal_field, since = (_for_each(part, count) for part in self.wants)
         self.heard_wants = Errands(goal, goal_field, since)
-        self.planners: list[MotionPlanner] = [make_planner(planner) for _ in range(count)]
+        self.planners: list[MotionPlanner] = [make_planner() for _ in range(count)]
         self.plans: list[Plan | None] = [None] * count
         self.planning_s = 0.0
 
@@ -63,8 +69,14 @@ class MotionFleet:
         self.fields[wants.goal_field[robot]] = field
 
     def step(self, lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """One tick. lost: (R, N, N) [round, sender, receiver]. (N,) whose move begins now."""
+        """One tick: a round of news, everyone plans, then rounds of deciding. (N,) whose move begins now.
+
+        lost: (1 + R, N, N) [round, sender, receiver]
+        """
         count = len(self.ticks)
+        begins = np.zeros(count, np.bool_)
+        stay = self.truth.nodes[:, 2].copy()
+        self._rounds(stay, lost[:1], begins)
         wishes = self.truth.nodes[:, 2].copy()
         # With nothing lost all know the same, and equal scenes give equal plans: one stands for all.
         if lost.any():
@@ -81,7 +93,12 @@ class MotionFleet:
                 wishes[robot] = plan.wish(robot, self.tick)
             else:
                 wishes = plan.target[:, self.tick - plan.tick].copy()
-        begins = np.zeros(count, np.bool_)
+        self._rounds(wishes, lost[1:], begins)
+        self.tick += 1
+        return begins
+
+    def _rounds(self, wishes: NDArray[np.int32], lost: NDArray[np.bool_], begins: NDArray[np.bool_]) -> None:
+        """In which robots decide, where they wish to be elsewhere, and send."""
         _exchange(
             self.ways,
             self.graph.cells,
@@ -96,8 +113,6 @@ class MotionFleet:
             lost,
             begins,
         )
-        self.tick += 1
-        return begins
 
     def _scene(self, robot: int) -> Scene:
         known, heard = self.known, self.heard_wants

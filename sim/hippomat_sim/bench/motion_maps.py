@@ -68,13 +68,14 @@ def _warehouse() -> NDArray[np.bool_]:
 def _corridors() -> NDArray[np.bool_]:
     """Corridors of one cell that cross each other every _BLOCK + 1 cells; nobody can pass within one."""
     line = np.arange(SIDE) % (_BLOCK + 1) == 0
-    return line[:, None] | line[None, :]
+    return np.asarray(line[:, None] | line, np.bool_)
 
 
 def _piled_up(flat: NDArray[np.bool_], seed: int) -> Free:
     """Every occupied cell as a column of random height, so that there are ways over most of them."""
     heights = np.random.default_rng([seed, 2]).integers(1, LAYERS + 1, flat.shape)
-    return flat[None] | (np.arange(LAYERS)[:, None, None] >= heights)
+    above: Free = np.arange(LAYERS)[:, None, None] >= heights
+    return above | flat
 
 
 def _from_file(path: Path) -> NDArray[np.bool_]:
@@ -90,7 +91,14 @@ def _from_file(path: Path) -> NDArray[np.bool_]:
         lines = path.read_bytes().splitlines()
     except OSError as error:
         raise MapError(f"map {path}: cannot be read: {error.strerror or error}") from None
-    rows = lines[lines.index(b"map") + 1 :] if b"map" in lines else []
-    if not rows or len({len(row) for row in rows}) != 1:
-        raise MapError(f"map {path}: is no MovingAI map: rows of equal length must follow a line 'map'")
+    begin = lines.index(b"map") + 1 if b"map" in lines else 0
+    head = dict(line.split(maxsplit=1) for line in lines[: begin - 1] if line.count(b" ") == 1)
+    height, width = (
+        int(value) if value.isdigit() else 0 for value in (head.get(b"height", b""), head.get(b"width", b""))
+    )
+    rows = lines[begin : begin + height]
+    if not (begin and height and width and len(rows) == height and {len(row) for row in rows} == {width}):
+        raise MapError(
+            f"map {path}: is no MovingAI map: height and width, 'map', then so many rows must follow"
+        )
     return np.array([[cell in _MOVINGAI_FREE for cell in row] for row in rows], np.bool_)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hippomat_core.errors import ConfigError
 from hippomat_core.motion.graph import MotionGraph, motion_graph, moves_to
 from hippomat_core.motion.parking import parking_goals, parking_spots
+from hippomat_core.motion.planners import make_planner
 from hippomat_core.motion.scene import ticks_of
 from hippomat_sim.bench.motion_checker import Move, Verdict, judge
 from hippomat_sim.bench.motion_fleet import MotionFleet
@@ -56,7 +57,9 @@ class MotionRun:
         self.starts = self.rng.permutation(len(self.graph.cells))[:count].astype(np.int32)
         speeds = ticks_of(settings.speeds_mps)
         self.ticks = np.array([speeds[k % len(speeds)] for k in range(count)], np.int32)
-        self.fleet = MotionFleet(self.graph, self.starts, self.ticks, NAMES[settings.planner])
+        self.fleet = MotionFleet(
+            self.graph, self.starts, self.ticks, lambda: make_planner(NAMES[settings.planner])
+        )
         self.busy = np.arange(count) < count - settings.idle
         self.spots = parking_spots(self.graph)
         self.from_start = np.zeros(count, np.int64)  # moves from where it got its goal
@@ -75,7 +78,7 @@ class MotionRun:
         count, trace = settings.agents, [self.starts.copy()]
         for tick in range(settings.steps):
             self._goals(tick)
-            shape = (settings.rounds, count, count)
+            shape = (1 + settings.rounds, count, count)
             lost = self.air.random(shape) < settings.loss if settings.loss else np.zeros(shape, np.bool_)
             before = fleet.truth.nodes[:, 2].copy()
             begins = fleet.step(lost)
