@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from motion_fleet_lab import Lab, drawn
 
+from hippomat_core.config import PLANNERS
 from hippomat_core.errors import ConfigError
 from hippomat_core.motion.graph import UNREACHED, largest_part, motion_graph, moves_to
 from hippomat_core.motion.parking import parking_goals, parking_spots
-from hippomat_core.motion.planners import PLANNERS, make_planner
+from hippomat_core.motion.planners import make_planner
 from hippomat_core.motion.reservations import NOBODY, hold, holder, release, table_size
 from hippomat_core.motion.scene import Plan, Scene, ticks_of
 from hippomat_core.motion.window import WindowPlanner

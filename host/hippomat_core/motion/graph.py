@@ -2,11 +2,13 @@
 
 A move goes to a neighbouring cell; with diagonals it cuts no corner. Every cell and every point halfway
 between two cells is a *place* of a grid twice as fine. Two moves that swap cells, or cross between cells,
-meet at the place halfway: vertex, swap and crossing conflicts are all "two robots at one place".
+meet at the place halfway: vertex, swap and crossing conflicts are all "two robots at one place". A diagonal
+move passes close by the two cells beside it, which have to be free of robots too.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,6 +32,7 @@ class MotionGraph:
     node_of: NDArray[np.int32]  # (Z, Y, X) [iz, iy, ix], -1 where not free
     neighbours: NDArray[np.int32]  # (K, D), -1 where there is no move
     middles: NDArray[np.int64]  # (K, D) the place halfway to each neighbour
+    beside: NDArray[np.int32]  # (K, D, 2) the nodes that a diagonal in one plane passes, -1 where none
     places: NDArray[np.int64]  # (K,) of the cells themselves
     place_count: int
     diagonals: bool
@@ -46,6 +49,7 @@ class Ways(NamedTuple):
 
     neighbours: NDArray[np.int32]
     middles: NDArray[np.int64]
+    beside: NDArray[np.int32]
     places: NDArray[np.int64]
     span: int  # place_count
 
@@ -62,17 +66,29 @@ def motion_graph(free: NDArray[np.bool_], diagonals: bool = False) -> MotionGrap
     node_of[free] = np.arange(len(cells), dtype=np.int32)
     neighbours = np.full((len(cells), len(steps)), -1, np.int32)
     middles = np.zeros((len(cells), len(steps)), np.int64)
+    beside = np.full((len(cells), len(steps), 2), -1, np.int32)
     strides = np.array([1, 2 * width, 4 * width * height], np.int64)
     for bit, step in enumerate(steps):
         leads = np.flatnonzero(open_ >> np.uint32(bit) & np.uint32(1))
         x, y, z = (cells[leads] + np.array(step, np.int32)).T
         neighbours[leads, bit] = node_of[z, y, x]
         middles[leads, bit] = (2 * cells[leads].astype(np.int64) + np.array(step)) @ strides
+        for side, part in enumerate(_sides(step)):
+            x, y, z = (cells[leads] + np.array(part, np.int32)).T
+            beside[leads, bit, side] = node_of[z, y, x]
     places = 2 * cells.astype(np.int64) @ strides
     used = np.flatnonzero((neighbours >= 0).any(axis=0))  # one layer has no moves up or down
     kept = used if len(used) else np.arange(1)
-    columns = neighbours[:, kept].copy(), middles[:, kept].copy()
+    columns = neighbours[:, kept].copy(), middles[:, kept].copy(), beside[:, kept].copy()
     return MotionGraph(cells, node_of, *columns, places, 8 * free.size, diagonals)
+
+
+def _sides(step: Sequence[int]) -> list[tuple[int, int, int]]:
+    """The two single steps that a diagonal in one plane is made of; none for any other step."""
+    axes = [axis for axis in range(3) if step[axis]]
+    if len(axes) != 2:
+        return []
+    return [tuple(step[axis] if axis == one else 0 for axis in range(3)) for one in axes]  # type: ignore[misc]
 
 
 def largest_part(graph: MotionGraph) -> NDArray[np.int32]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from hippomat_core.config import PLANNERS
 from hippomat_core.errors import ConfigError
 from hippomat_core.motion.pibt import PibtPlanner
 from hippomat_core.motion.scene import MotionPlanner
 from hippomat_core.motion.wait_and_replan import WaitAndReplanPlanner
 from hippomat_core.motion.window import WindowPlanner
-
-PLANNERS = ("window", "pibt", "replan")
 
 
 def make_planner(name: str) -> MotionPlanner:

@@ -17,8 +17,8 @@ Owners = NDArray[np.int32]  # (2^k,)
 
 
 def table_size(robots: int, ticks: int) -> int:
-    """A power of two that stays less than half full: two cells and one place halfway a robot and tick."""
-    return 1 << (6 * robots * (ticks + 2)).bit_length()
+    """A power of two that stays less than half full: four cells and one place halfway a robot and tick."""
+    return 1 << (10 * robots * (ticks + 2)).bit_length()
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -75,7 +75,7 @@ class Fleet(NamedTuple):
 
 def ways_of(graph: MotionGraph) -> Ways:
     """For the compiled part."""
-    return Ways(graph.neighbours, graph.middles, graph.places, graph.place_count)
+    return Ways(graph.neighbours, graph.middles, graph.beside, graph.places, graph.place_count)
 
 
 def fleet_of(scene: Scene) -> Fleet:

@@ -147,6 +147,13 @@ def _may_move(
             by = holder(keys, owners, ways.span, tick + step, ways.places[tail])
             if by != NOBODY and by != robot:
                 return False
+    for side in range(2):
+        passed = ways.beside[tail, direction, side]
+        if passed >= 0:
+            for step in range(ticks + 1):
+                by = holder(keys, owners, ways.span, tick + step, ways.places[passed])
+                if by != NOBODY and by != robot:
+                    return False
     return True
 
 

@@ -148,6 +148,7 @@ def _reserve_commitments(
             hold(table.keys, table.owners, ways.span, tick, ways.places[node], robot)
         if left != node:
             middle = halfway(ways, left, node)
+            _hold_beside(ways, left, node, begin, begin + fleet.ready[robot], robot, table, True)
             for tick in range(begin, begin + fleet.ready[robot]):
                 hold(table.keys, table.owners, ways.span, tick, ways.places[left], robot)
                 hold(table.keys, table.owners, ways.span, tick, middle, robot)
@@ -175,6 +176,7 @@ def _hold_path(
             continue
         middle = halfway(ways, at, head)
         _hold(keys, owners, span, tick, middle, robot, held)
+        _hold_beside(ways, at, head, tick, tick + ticks, robot, table, held)
         for later in range(tick + 1, tick + ticks):
             _hold(keys, owners, span, later, middle, robot, held)
             _hold(keys, owners, span, later, places[at], robot, held)
@@ -182,6 +184,20 @@ def _hold_path(
         tick += ticks
         _hold(keys, owners, span, tick, places[head], robot, held)
         at = head
+
+
+@njit(cache=True, nogil=True)
+def _hold_beside(
+    ways: Ways, tail: int, head: int, begin: int, end: int, robot: int, table: Table, held: bool
+) -> None:
+    """The cells that a diagonal move passes, from its first tick to its last."""
+    for direction in range(ways.neighbours.shape[1]):
+        if ways.neighbours[tail, direction] == head:
+            for side in range(2):
+                passed = ways.beside[tail, direction, side]
+                if passed >= 0:
+                    for tick in range(begin, end + 1):
+                        _hold(table.keys, table.owners, ways.span, tick, ways.places[passed], robot, held)
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hippomat_core.config import PLANNERS
 from hippomat_core.errors import ConfigError
-from hippomat_core.motion.planners import PLANNERS
 
 NAMES = {"ours": "window", **{name: name for name in PLANNERS}}  # on the command line
 
