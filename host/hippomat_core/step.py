@@ -79,7 +79,8 @@ def _map_received(state: State, event: MapReceived) -> Stepped:
     ground = ground_of(grid, event.epoch, state.config)
     sites = ground.sites.tobytes() if state.fleet.tasks.continuous else b""
     weights = b"" if state.config.fleet.policy_per_robot else state.policy_hash
-    digest = fleet_digest(state.config.fleet, ground.c_max_s, grid.hash() + sites, weights)
+    planner = state.config.planning.planner.encode()
+    digest = fleet_digest(state.config.fleet, ground.c_max_s, grid.hash() + sites + planner, weights)
     fleet, effects = fleet_state.with_map(state.fleet, event.stamp_ns, ground.sites, digest)
     navigator = forget_path(state.navigator)
     state = replace(state, ground=ground, fleet=fleet, fields=Fields({}), navigator=navigator, outcome=None)

@@ -27,7 +27,7 @@ from hippomat_host.links import Link, SerialLink
 from hippomat_host.lockstep import LockstepReactor
 from hippomat_host.reactor import Reactor, RealReactor, StopSignal
 from hippomat_host.screen import Screen, screen_for
-from hippomat_host.warm_up import prepare_allocator
+from hippomat_host.warm_up import prepare_allocator, prepare_planner
 from hippomat_logs.manifest import new_session_id, run_manifest
 from hippomat_logs.map_files import load_map
 from hippomat_logs.policy_files import policy_name, policy_of
@@ -45,6 +45,7 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
         for line in recover_directory(config.log.directory):
             print(f"earlier log {line}", flush=True)
     prepare_allocator(config.fleet, policy, partial(print, flush=True))
+    prepare_planner(config.planning, partial(print, flush=True))
     links = make_links(config, given)
     try:
         with StopSignal() as stop, closing_all(links):

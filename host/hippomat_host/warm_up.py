@@ -1,4 +1,4 @@
-"""Let the allocator decide once before the ports open: what numba compiles must not stall the first round.
+"""Let the allocator and the planner decide once before the ports open: what numba compiles must not stall the first round.
 
 Takes seconds to a minute where nothing was compiled yet, and milliseconds from compiled code that was kept.
 """
@@ -12,7 +12,9 @@ from collections.abc import Callable, Iterator
 
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.warm_up import warm_up
-from hippomat_core.config import FleetConfig
+from hippomat_core.config import FleetConfig, PlanningConfig
+from hippomat_core.motion.planners import make_planner
+from hippomat_core.motion.planners import warm_up as plan_once
 from hippomat_logs.policy_files import naming, policy_name
 
 PATIENCE_S = 1.0
@@ -24,6 +26,13 @@ def prepare_allocator(fleet: FleetConfig, policy: bytes | None, say: Callable[[s
     with named, told_if_slow(f"compiling the allocator {fleet.allocator}", say):
         allocator = make_allocator(fleet.allocator, policy, fleet.size, fleet.task_slots)
         warm_up(allocator, fleet.size, fleet.task_slots)
+
+
+def prepare_planner(planning: PlanningConfig, say: Callable[[str], None]) -> None:
+    """Says so if it takes long; nothing to do for wait and replan."""
+    if planning.planner != "replan":
+        with told_if_slow(f"compiling the planner {planning.planner}", say):
+            plan_once(make_planner(planning.planner))
 
 
 @contextlib.contextmanager

@@ -17,7 +17,7 @@ from hippomat_core.config import Config, FleetConfig, PlanningConfig, RobotConfi
 from hippomat_core.control.follower import Motion
 from hippomat_core.control.guard import carried_along, guard
 from hippomat_core.control.navigator import Navigator, navigate
-from hippomat_core.control.together import Together, apart_m
+from hippomat_core.control.together import Together
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.motion.lattice import lattice_of
 from hippomat_core.planning.costmap import Costmap, inflate, reachable
@@ -96,7 +96,7 @@ class World:
         self.robots: list[Body] = []
         self.trace: list[list[tuple]] = []
         fleet, planning = FleetConfig(size=count), PlanningConfig(planner=planner)
-        self.lattice = None if planner == "replan" else lattice_of(self.costmap, apart_m(Config()))
+        self.lattice = None if planner == "replan" else lattice_of(self.costmap, 0.35)
         for k in range(count):
             x, y = self._free_site()
             config = Config(fleet=fleet, robot=RobotConfig(id=k), planning=planning)
@@ -167,7 +167,7 @@ class World:
             robot.to_goal,
             robot.config,
             robot.held,
-            None if self.lattice is None else Together(self.lattice, self.tick // ROUND_TICKS),
+            None if self.lattice is None else Together(self.lattice, self.tick // ROUND_TICKS, True),
         )
         robot.intent, robot.out = out.intent, out
         if self.tick % ROUND_TICKS == k % ROUND_TICKS:

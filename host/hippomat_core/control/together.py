@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hippomat_core.config import Config
 from hippomat_core.control.nav_state import Navigator, NewPath, View
 from hippomat_core.motion.graph import UNREACHED, MotionGraph, moves_to
 from hippomat_core.motion.lattice import NOWHERE, Lattice
@@ -31,11 +30,10 @@ from hippomat_core.motion.planners import make_planner
 from hippomat_core.motion.scene import Scene
 from hippomat_core.planning.astar import Path, path_length_m, shortest_path
 from hippomat_core.planning.costmap import nearest_free
-from hippomat_core.planning.reservations import Positions, committed, free_stretch, keep_out_m
+from hippomat_core.planning.reservations import PeerMotion, Positions, committed, free_stretch, keep_out_m
 from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
 LEG_M = 0.55  # no commitment grows by more at once
-OFF_M = 0.05
 FORGET_S = 10.0  # a peer silent for so long stands where it was last heard to go, or is far away
 
 
@@ -45,10 +43,11 @@ class Together:
 
     lattice: Lattice
     round: int  # the last that ended
+    may_start: bool  # motion/commitment.py: all that we hear have heard us, or we are alone
 
     def turn(self, robot: int, size: int) -> bool:
         """Whether this robot of so many decides now."""
-        return self.round % (2 * size) == 2 * robot + 1
+        return self.round >= 0 and self.round % (2 * size) == 2 * robot + 1
 
     def missed_turns(self, robot: int, size: int, told: int) -> int:
         """How often a peer may have decided after round `told`, the last that its frame can tell of."""
@@ -58,15 +57,12 @@ class Together:
         return (last - 2 * robot - 1) // (2 * size) - (first - 1 - 2 * robot - 1) // (2 * size)
 
 
-def apart_m(config: Config) -> float:
-    """Between two nodes: what robots keep out of each other, and room to be a little off the path."""
-    return keep_out_m(config) + OFF_M
-
-
 def choose_together(nav: Navigator, view: View, together: Together) -> tuple[Navigator, NewPath | None]:
     """Make the committed path longer where it is our turn and the way is free."""
-    size = view.config.fleet.size
-    if not together.turn(view.config.robot.id, size):
+    if not (nav.heard or together.may_start):
+        return nav, None
+    nav = replace(nav, heard=True)
+    if not together.turn(view.config.robot.id, view.config.fleet.size):
         return nav, None
     path = _committed(nav, view)
     leg = _next_leg(nav, view, together, path)
@@ -87,16 +83,20 @@ def _committed(nav: Navigator, view: View) -> Path:
 def _granted(view: View, together: Together, leg: Path) -> bool:
     """Whether the leg stays clear of all that any peer can have committed itself to."""
     size = view.config.fleet.size
-    unheard = [
-        0 if peer.age_s > FORGET_S else together.missed_turns(peer.robot, size, peer.told_round)
-        for peer in view.peers
-    ]
     points: Positions = view.costmap.centres(leg)
     start = (float(points[0, 0]), float(points[0, 1]))
-    reach_m = [LEG_M * turns for turns in unheard]
+    reach_m = [LEG_M * _legs_untold(peer, together, size) for peer in view.peers]
     taken = committed(view.peers, reach_m, view.costmap.grid, start, view.config)
     count, _ = free_stretch(taken, points[1:], np.zeros(len(points) - 1), 0.0)
     return count == len(points) - 1
+
+
+def _legs_untold(peer: PeerMotion, together: Together, size: int) -> int:
+    """By how many legs a peer's commitment may be longer than what was heard of it."""
+    if peer.age_s > FORGET_S:
+        return 0
+    missed = together.missed_turns(peer.robot, size, peer.told_round)
+    return missed if peer.promises else max(missed, 1)
 
 
 def _next_leg(nav: Navigator, view: View, together: Together, path: Path) -> Path | None:

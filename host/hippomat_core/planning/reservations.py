@@ -41,9 +41,12 @@ class PeerMotion:
     intent: Cells  # the cells it means to drive next, first the one it is in
     destination: tuple[float, float] | None  # of its claim
     told_round: int = -1  # what it decided in rounds up to this one, the frame tells
+    promises: bool = True  # it is of our fleet: its intent is all that it has committed itself to
 
 
-def peer_motion(robot: int, frame: StateFrame, age_s: float, sent_round: int = -1) -> PeerMotion:
+def peer_motion(
+    robot: int, frame: StateFrame, age_s: float, sent_round: int = -1, promises: bool = True
+) -> PeerMotion:
     """A peer's STATE, sent in sent_round and heard age_s ago, as motion.
 
     A STATE is composed at the end of the round before, and then tells what was decided up to that end.
@@ -58,6 +61,7 @@ def peer_motion(robot: int, frame: StateFrame, age_s: float, sent_round: int = -
         intent=decode_intent(frame.intent_ix, frame.intent_iy, frame.intent_steps),
         destination=None if claim.slot == NO_SLOT else (claim.x_cm / 100.0, claim.y_cm / 100.0),
         told_round=sent_round - 2,
+        promises=promises,
     )
 
 
