@@ -1,4 +1,4 @@
-"""Let the allocator and the planner decide once before the ports open: what numba compiles must not stall the first round.
+"""Let allocator and planner decide once before the ports open: compiling must not stall the first round.
 
 Takes seconds to a minute where nothing was compiled yet, and milliseconds from compiled code that was kept.
 """

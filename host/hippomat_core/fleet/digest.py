@@ -13,7 +13,7 @@ def fleet_digest(config: FleetConfig, c_max_s: float, ground: bytes, policy_hash
     """Digest of protocol version, fleet settings, the c_max in use [s], the ground and the policy's weights.
 
     ground: the map's hash, the planner's name and, where tasks are placed by everyone for himself, the sites:
-    they follow from radius and inflation too, and robots that differ would drive to other places for one task.
+    they follow from radius and inflation too, and robots that differ would drive elsewhere for the same task.
     policy_hash stands for the weights themselves: the path of their file may differ between robots.
     """
     settings = dataclasses.asdict(dataclasses.replace(config, c_max_s=c_max_s, policy=""))
