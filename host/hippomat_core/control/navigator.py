@@ -145,7 +145,15 @@ def _along_commitment(nav: Navigator, view: View) -> tuple[Navigator, Stretch]:
     nav, off_m = _tracked(nav, view)
     if off_m > OFF_PATH_M:
         return nav.without_path(), NO_STRETCH
-    return nav, _stretch(nav, replace(view, taken=view.taken.physical()))
+    stretch = _stretch(nav, replace(view, taken=view.taken.physical()))
+    if not (stretch.blocked and view.stands):
+        return replace(nav, blocked_since_ns=NEVER), stretch
+    if nav.blocked_since_ns == NEVER:
+        return replace(nav, blocked_since_ns=view.now_ns), stretch
+    if view.blockages(nav.blocked_since_ns) < view.config.planning.replan_after_blockages:
+        return nav, stretch
+    # Somebody stands where nobody should: give back what is left of the commitment and decide anew.
+    return nav.without_path(), NO_STRETCH
 
 
 def _tracked(nav: Navigator, view: View) -> tuple[Navigator, float]:

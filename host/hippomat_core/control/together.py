@@ -5,10 +5,11 @@ go, and its destination), takes its own next move of that plan, and commits it i
 others have not told yet. The commitment is the path that it drives and the intent that it broadcasts; it is
 made longer at its end, or dropped behind the robot, and no two ever come within keep_out of each other:
 
-- Robots decide in turn: robot k in the rounds r with r mod 2N = 2k + 1. A decision is in the STATE that is
-  sent two rounds on, so that whoever decides next can have heard it.
-- A peer that was not heard since its last turn may have committed one more leg, of up to LEG_M: its whole
-  surroundings count as taken (the rule of motion/commitment.py, in metres and without times).
+- Robots decide in turn, in odd rounds: of those that are near each other, the one whose id comes next,
+  counted from (r // 2) mod N. A decision is in the STATE that is sent two rounds on, so that whoever decides
+  next can have heard it. Robots farther apart than FAR_M cannot meet, whatever both commit: they need no turns.
+- A peer that was not heard since it can have had a turn may have committed as many more legs, of up to LEG_M:
+  all within reach counts as taken (the rule of motion/commitment.py, in metres and without times).
 - No times are promised: what a robot has committed stays taken until it is heard to have left. Late robots
   delay others and endanger nobody.
 
@@ -18,6 +19,7 @@ Decides paths, never velocities; the reservation of discs around the peers and t
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +36,7 @@ from hippomat_core.planning.reservations import PeerMotion, Positions, committed
 from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
 LEG_M = 0.55  # no commitment grows by more at once
+FAR_M = 2.5  # two whole commitments, what robots keep out of each other, and a second to hear of it
 FORGET_S = 10.0  # a peer silent for so long stands where it was last heard to go, or is far away
 
 
@@ -45,16 +48,21 @@ class Together:
     round: int  # the last that ended
     may_start: bool  # motion/commitment.py: all that we hear have heard us, or we are alone
 
-    def turn(self, robot: int, size: int) -> bool:
-        """Whether this robot of so many decides now."""
-        return self.round >= 0 and self.round % (2 * size) == 2 * robot + 1
+    def turn(self, robot: int, near: Iterable[int], size: int) -> bool:
+        """Whether this robot decides now, among those near it, in a fleet of so many."""
+        return self._turn_of(self.round, robot, near, size)
 
-    def missed_turns(self, robot: int, size: int, told: int) -> int:
-        """How often a peer may have decided after round `told`, the last that its frame can tell of."""
-        first, last = told + 1, self.round
-        if first > last:
-            return 0
-        return (last - 2 * robot - 1) // (2 * size) - (first - 1 - 2 * robot - 1) // (2 * size)
+    def missed_turns(self, peer: int, robot: int, size: int, told: int) -> int:
+        """How often a peer near us may have decided after round `told`, the last that its frame tells of."""
+        rounds = range(max(told + 1, self.round - 4 * size), self.round)
+        return sum(self._turn_of(number, peer, (robot,), size) for number in rounds)
+
+    @staticmethod
+    def _turn_of(number: int, robot: int, others: Iterable[int], size: int) -> bool:
+        if number < 0 or number % 2 == 0:
+            return False
+        first = number // 2
+        return all((robot - first) % size < (other - first) % size for other in others)
 
 
 def choose_together(nav: Navigator, view: View, together: Together) -> tuple[Navigator, NewPath | None]:
@@ -62,7 +70,7 @@ def choose_together(nav: Navigator, view: View, together: Together) -> tuple[Nav
     if not (nav.heard or together.may_start):
         return nav, None
     nav = replace(nav, heard=True)
-    if not together.turn(view.config.robot.id, view.config.fleet.size):
+    if not together.turn(view.config.robot.id, _near(view), view.config.fleet.size):
         return nav, None
     path = _committed(nav, view)
     leg = _next_leg(nav, view, together, path)
@@ -82,21 +90,39 @@ def _committed(nav: Navigator, view: View) -> Path:
 
 def _granted(view: View, together: Together, leg: Path) -> bool:
     """Whether the leg stays clear of all that any peer can have committed itself to."""
-    size = view.config.fleet.size
     points: Positions = view.costmap.centres(leg)
     start = (float(points[0, 0]), float(points[0, 1]))
-    reach_m = [LEG_M * _legs_untold(peer, together, size) for peer in view.peers]
+    near = _near(view)
+    reach_m = [_untold_m(peer, view, together) if peer.robot in near else 0.0 for peer in view.peers]
     taken = committed(view.peers, reach_m, view.costmap.grid, start, view.config)
-    count, _ = free_stretch(taken, points[1:], np.zeros(len(points) - 1), 0.0)
+    for_ever_s = np.full(len(points) - 1, np.inf)
+    count, _ = free_stretch(taken, points[1:], for_ever_s, 0.0)
     return count == len(points) - 1
 
 
-def _legs_untold(peer: PeerMotion, together: Together, size: int) -> int:
-    """By how many legs a peer's commitment may be longer than what was heard of it."""
+def _near(view: View) -> set[int]:
+    """Peers that may come near what we commit: by where they were heard, and how far they can have driven."""
+    speed_mps, motion = view.config.limits.speed_mps, view.motion
+    return {
+        peer.robot
+        for peer in view.peers
+        if math.hypot(peer.x_m - motion.x_m, peer.y_m - motion.y_m)
+        <= FAR_M + speed_mps * min(peer.age_s, FORGET_S)
+    }
+
+
+def _untold_m(peer: PeerMotion, view: View, together: Together) -> float:
+    """By how much a peer's commitment may be longer than what was heard of it."""
     if peer.age_s > FORGET_S:
-        return 0
-    missed = together.missed_turns(peer.robot, size, peer.told_round)
-    return missed if peer.promises else max(missed, 1)
+        return 0.0
+    size, robot = view.config.fleet.size, view.config.robot.id
+    turns = together.missed_turns(peer.robot, robot, size, peer.told_round)
+    return min(LEG_M * (turns if peer.promises else max(turns, 1)), _longest_m(view))
+
+
+def _longest_m(view: View) -> float:
+    """A whole commitment, all of it diagonal."""
+    return math.sqrt(2.0) * MAX_INTENT_STEPS * view.resolution_m
 
 
 def _next_leg(nav: Navigator, view: View, together: Together, path: Path) -> Path | None:

@@ -157,14 +157,15 @@ def committed(
     out_m = keep_out_m(config)
     rows = []
     for peer, more_m in zip(peers, reach_m, strict=True):
-        rows.append((peer.x_m, peer.y_m, out_m, peer.robot))
+        rows.append((peer.x_m, peer.y_m, 0.0, peer.robot))
         places = [grid.centre_of(ix, iy) for ix, iy in peer.intent.tolist()]
-        rows += [(x, y, out_m, peer.robot) for x, y in places[:-1]]
-        rows += [(x, y, out_m + more_m, peer.robot) for x, y in places[-1:]]
+        rows += [(x, y, 0.0, peer.robot) for x, y in places[:-1]]
+        rows += [(x, y, more_m, peer.robot) for x, y in places[-1:]]
     table = np.array(rows, np.float64).reshape(-1, 4)
     distance_m = np.hypot(table[:, 0] - from_xy[0], table[:, 1] - from_xy[1])
-    inside = distance_m < table[:, 2]
-    radius_m = np.where(inside, np.maximum(distance_m - TOLERANCE_M, 0.0), table[:, 2])
+    # Who is too near already may move away; but not within reach of what was not heard.
+    inside = (distance_m < out_m) & (table[:, 2] == 0.0)
+    radius_m = np.where(inside, np.maximum(distance_m - TOLERANCE_M, 0.0), out_m + table[:, 2])
     now, never = np.zeros(len(table)), np.zeros(len(table), np.bool_)
     return Taken(table[:, :2], radius_m, now, table[:, 3].astype(np.int32), never, inside)
 
