@@ -7,7 +7,7 @@ made longer at its end, or dropped behind the robot, and no two ever come within
 
 - Robots decide in turn, in odd rounds: of those that are near each other, the one whose id comes next,
   counted from (r // 2) mod N. A decision is in the STATE that is sent two rounds on, so that whoever decides
-  next can have heard it. Robots farther apart than FAR_M cannot meet, whatever both commit: they need no turns.
+  next can have heard it. Robots farther apart than FAR_M cannot meet, whatever both commit: no turns then.
 - A peer that was not heard since it can have had a turn may have committed as many more legs, of up to LEG_M:
   all within reach counts as taken (the rule of motion/commitment.py, in metres and without times).
 - No times are promised: what a robot has committed stays taken until it is heard to have left. Late robots
@@ -31,7 +31,7 @@ from hippomat_core.motion.lattice import NOWHERE, Lattice
 from hippomat_core.motion.planners import make_planner
 from hippomat_core.motion.scene import Scene
 from hippomat_core.planning.astar import Path, path_length_m, shortest_path
-from hippomat_core.planning.costmap import nearest_free
+from hippomat_core.planning.costmap import Costmap, nearest_free
 from hippomat_core.planning.reservations import PeerMotion, Positions, committed, free_stretch, keep_out_m
 from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
@@ -76,7 +76,7 @@ def choose_together(nav: Navigator, view: View, together: Together) -> tuple[Nav
     leg = _next_leg(nav, view, together, path)
     if leg is None or len(leg) < 2 or len(path) + len(leg) - 2 > MAX_INTENT_STEPS:
         return nav, None
-    if not _granted(view, together, leg):
+    if _turns_back(path, leg) or not _granted(view, together, leg):
         return nav, None
     whole = np.concatenate([path, leg[1:]]).astype(np.int32)
     longer = replace(nav.without_path(), path=whole, cursor=0)
@@ -86,6 +86,12 @@ def choose_together(nav: Navigator, view: View, together: Together) -> tuple[Nav
 def _committed(nav: Navigator, view: View) -> Path:
     """The rest of the path, or the cell that we are in."""
     return np.array([view.cell], np.int32) if nav.path is None else nav.path[nav.cursor :]
+
+
+def _turns_back(path: Path, leg: Path) -> bool:
+    """Whether the leg comes back to where the path leads: the follower could not tell which way to go."""
+    apart = np.abs(path[:-1, None] - leg[None, 2:]).max(axis=2)
+    return bool((apart <= 1).any())
 
 
 def _granted(view: View, together: Together, leg: Path) -> bool:
@@ -133,14 +139,25 @@ def _next_leg(nav: Navigator, view: View, together: Together, path: Path) -> Pat
     own = int(lattice.near[end[1], end[0]])
     if own == NOWHERE:
         return _cut(shortest_path(costmap, end, goal) if goal is not None else None, view)
-    wish = _wish(view, together, end, goal)
+    wish, then = _wish(view, together, end, goal)
     if wish != own:
-        return shortest_path(costmap, end, _cell(lattice, wish))
+        leg = shortest_path(costmap, end, _cell(lattice, wish))
+        if end == _cell(lattice, own) or _leads_on(lattice, costmap, leg, wish, then):
+            return leg
+        return shortest_path(costmap, end, _cell(lattice, own))  # from beside the nodes, to our own first
     if goal is not None and lattice.near[goal[1], goal[0]] in (own, NOWHERE):
         return _cut(shortest_path(costmap, end, goal), view)
     if nav.destination is None:
         return shortest_path(costmap, end, _cell(lattice, own))  # out of the way of the nodes around
     return None
+
+
+def _leads_on(lattice: Lattice, costmap: Costmap, leg: Path | None, wish: int, then: int) -> bool:
+    """Whether a leg from beside the nodes is about as short as one between them, and goes on forward."""
+    if leg is None or len(leg) > 3 * lattice.side // 2 + 1:
+        return False
+    onward = shortest_path(costmap, _cell(lattice, wish), _cell(lattice, then))
+    return onward is None or not _turns_back(leg, onward)
 
 
 def _cell(lattice: Lattice, node: int) -> tuple[int, int]:
@@ -155,8 +172,10 @@ def _cut(path: Path | None, view: View) -> Path | None:
     return path[: longest + 1]
 
 
-def _wish(view: View, together: Together, end: tuple[int, int], goal: tuple[int, int] | None) -> int:
-    """The node that the plan for all sends us to next; our own to stay."""
+def _wish(
+    view: View, together: Together, end: tuple[int, int], goal: tuple[int, int] | None
+) -> tuple[int, int]:
+    """The nodes that the plan for all sends us to next and then; our own to stay."""
     lattice, costmap = together.lattice, view.costmap
     ends, goals, robots = [end], [goal], [view.config.robot.id]
     for peer in view.peers:
@@ -173,7 +192,8 @@ def _wish(view: View, together: Together, end: tuple[int, int], goal: tuple[int,
             goal_node[place] = _node(lattice, cell)
     graph = _without(lattice, _closed(view, together, [ends[k] for k in known], node, goal_node))
     plan = make_planner(view.config.planning.planner).plan(_scene(graph, node, goal_node), None)
-    return plan.wish(known.index(0), 0)
+    mine = plan.target[known.index(0)]
+    return int(mine[0]), int(mine[min(1, len(mine) - 1)])
 
 
 def _node(lattice: Lattice, cell: tuple[int, int]) -> int:
