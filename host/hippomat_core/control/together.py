@@ -31,7 +31,7 @@ from hippomat_core.motion.lattice import NOWHERE, Lattice
 from hippomat_core.motion.planners import make_planner
 from hippomat_core.motion.scene import Scene
 from hippomat_core.planning.astar import Path, path_length_m, shortest_path
-from hippomat_core.planning.costmap import Costmap, nearest_free
+from hippomat_core.planning.costmap import nearest_free
 from hippomat_core.planning.reservations import PeerMotion, Positions, committed, free_stretch, keep_out_m
 from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
@@ -140,24 +140,24 @@ def _next_leg(nav: Navigator, view: View, together: Together, path: Path) -> Pat
     if own == NOWHERE:
         return _cut(shortest_path(costmap, end, goal) if goal is not None else None, view)
     wish, then = _wish(view, together, end, goal)
-    if wish != own:
-        leg = shortest_path(costmap, end, _cell(lattice, wish))
-        if end == _cell(lattice, own) or _leads_on(lattice, costmap, leg, wish, then):
+    if goal is not None and int(lattice.near[goal[1], goal[0]]) in (own, wish, NOWHERE):
+        leg = shortest_path(costmap, end, goal)
+        if own == wish or _is_leg(leg, view):
+            return _cut(leg, view)
+    if wish == own:
+        # Whoever wants nothing stands on a node, out of the way of those around it.
+        return shortest_path(costmap, end, _cell(lattice, own)) if nav.destination is None else None
+    if end == _cell(lattice, own):
+        return shortest_path(costmap, end, _cell(lattice, wish))
+    for node in (then, wish, own):  # from beside the nodes, as far as one leg goes
+        leg = shortest_path(costmap, end, _cell(lattice, node))
+        if _is_leg(leg, view):
             return leg
-        return shortest_path(costmap, end, _cell(lattice, own))  # from beside the nodes, to our own first
-    if goal is not None and lattice.near[goal[1], goal[0]] in (own, NOWHERE):
-        return _cut(shortest_path(costmap, end, goal), view)
-    if nav.destination is None:
-        return shortest_path(costmap, end, _cell(lattice, own))  # out of the way of the nodes around
     return None
 
 
-def _leads_on(lattice: Lattice, costmap: Costmap, leg: Path | None, wish: int, then: int) -> bool:
-    """Whether a leg from beside the nodes is about as short as one between them, and goes on forward."""
-    if leg is None or len(leg) > 3 * lattice.side // 2 + 1:
-        return False
-    onward = shortest_path(costmap, _cell(lattice, wish), _cell(lattice, then))
-    return onward is None or not _turns_back(leg, onward)
+def _is_leg(path: Path | None, view: View) -> bool:
+    return path is not None and path_length_m(path, view.resolution_m) <= LEG_M
 
 
 def _cell(lattice: Lattice, node: int) -> tuple[int, int]:
