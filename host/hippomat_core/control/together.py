@@ -19,7 +19,7 @@ Decides paths, never velocities; the reservation of discs around the peers and t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,11 +73,15 @@ def choose_together(nav: Navigator, view: View, together: Together) -> tuple[Nav
     if not together.turn(view.config.robot.id, _near(view), view.config.fleet.size):
         return nav, None
     path = _committed(nav, view)
-    leg = _next_leg(nav, view, together, path)
-    if leg is None or len(leg) < 2 or len(path) + len(leg) - 2 > MAX_INTENT_STEPS:
-        return nav, None
-    if _turns_back(path, leg) or not _granted(view, together, leg):
-        return nav, None
+    longest = MAX_INTENT_STEPS + 2 - len(path)  # a STATE tells of all that is committed
+    for leg in _legs(nav, view, together, path):
+        fits = 2 <= len(leg) <= longest and not _turns_back(path, leg)
+        if fits and _granted(view, together, leg):
+            return _longer(nav, view, path, leg)
+    return nav, None
+
+
+def _longer(nav: Navigator, view: View, path: Path, leg: Path) -> tuple[Navigator, NewPath]:
     whole = np.concatenate([path, leg[1:]]).astype(np.int32)
     longer = replace(nav.without_path(), path=whole, cursor=0)
     return longer, NewPath(whole, path_length_m(whole, view.resolution_m), "new")
@@ -131,43 +135,40 @@ def _longest_m(view: View) -> float:
     return math.sqrt(2.0) * MAX_INTENT_STEPS * view.resolution_m
 
 
-def _next_leg(nav: Navigator, view: View, together: Together, path: Path) -> Path | None:
-    """From the end of the committed path to the next node of the plan, or to the destination itself."""
+def _legs(nav: Navigator, view: View, together: Together, path: Path) -> Iterator[Path]:
+    """From the end of what is committed, best first: to the destination, or to the next node of the plan."""
     lattice, costmap = together.lattice, view.costmap
     end = (int(path[-1, 0]), int(path[-1, 1]))
     goal = None if nav.destination is None or nav.arrived else nearest_free(costmap, *nav.destination)
     own = int(lattice.near[end[1], end[0]])
-    if own == NOWHERE:
-        return _cut(shortest_path(costmap, end, goal) if goal is not None else None, view)
-    wish, then = _wish(view, together, end, goal)
+    wish, then = (own, own) if own == NOWHERE else _wish(view, together, end, goal)
     if goal is not None and int(lattice.near[goal[1], goal[0]]) in (own, wish, NOWHERE):
         leg = shortest_path(costmap, end, goal)
-        if own == wish or _is_leg(leg, view):
-            return _cut(leg, view)
-    if wish == own:
-        # Whoever wants nothing stands on a node, out of the way of those around it.
-        return shortest_path(costmap, end, _cell(lattice, own)) if nav.destination is None else None
-    if end == _cell(lattice, own):
-        return shortest_path(costmap, end, _cell(lattice, wish))
-    for node in (then, wish, own):  # from beside the nodes, as far as one leg goes
+        if leg is not None and (own == wish or _is_leg(leg, view)):
+            yield _cut(leg, view)
+    if own == NOWHERE:
+        return
+    # From beside the nodes as far as one leg goes. Whoever wants nothing stands on a node, out of the way.
+    beside = end != _cell(lattice, own)
+    nodes = (then, wish, own) if beside and wish != own else (wish,) if wish != own else ()
+    if beside and wish == own and nav.destination is None:
+        nodes = (own,)
+    for node in nodes:
         leg = shortest_path(costmap, end, _cell(lattice, node))
-        if _is_leg(leg, view):
-            return leg
-    return None
+        if leg is not None and (not beside or _is_leg(leg, view)):
+            yield leg
 
 
-def _is_leg(path: Path | None, view: View) -> bool:
-    return path is not None and path_length_m(path, view.resolution_m) <= LEG_M
+def _is_leg(path: Path, view: View) -> bool:
+    return path_length_m(path, view.resolution_m) <= LEG_M
 
 
 def _cell(lattice: Lattice, node: int) -> tuple[int, int]:
     return int(lattice.centre[node, 0]), int(lattice.centre[node, 1])
 
 
-def _cut(path: Path | None, view: View) -> Path | None:
+def _cut(path: Path, view: View) -> Path:
     """No longer than a leg may be."""
-    if path is None:
-        return None
     longest = int(LEG_M / (math.sqrt(2.0) * view.resolution_m))
     return path[: longest + 1]
 
