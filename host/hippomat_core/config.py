@@ -13,6 +13,7 @@ from typing import Any, get_type_hints
 from hippomat_core.errors import ConfigError
 from hippomat_core.settings_tree import choice, number, parse_toml, read_table
 
+PLANNERS = ("window", "pibt", "replan")
 MAX_ROBOTS = 64
 MAX_TASK_SLOTS = 80
 BASELINES = ("hungarian", "look_ahead", "greedy", "nearest", "auction", "ipso_g", "random", "fixed_slot")
@@ -119,6 +120,7 @@ class RecoveryConfig:
 class PlanningConfig:
     """Costmap and reservations. The first three names are nav2's."""
 
+    planner: str = choice("replan", *PLANNERS)  # window, pibt: all robots' moves are planned together
     inflation_radius: float = number(0.17, 0.02, 5.0)  # [m] cells nearer to an obstacle are not entered
     cost_scaling_factor: float = number(10.0, 0.1, 100.0)
     allow_unknown: bool = False

@@ -98,7 +98,8 @@ def _with_map(state: State, event: MapReceived) -> Stepped:
     ground = ground_of(grid, event.epoch, state.config)
     sites = ground.sites.tobytes() if state.fleet.tasks.continuous else b""
     weights = b"" if state.config.fleet.policy_per_robot else state.policy_hash
-    digest = fleet_digest(state.config.fleet, ground.c_max_s, grid.hash() + sites, weights)
+    planner = state.config.planning.planner.encode()
+    digest = fleet_digest(state.config.fleet, ground.c_max_s, grid.hash() + sites + planner, weights)
     fleet, effects = fleet_state.with_map(state.fleet, event.stamp_ns, ground.sites, digest)
     state = replace(_with_ground(state, ground), fleet=fleet)
     return on_map(state, ground, event.stamp_ns), tuple(effects)

@@ -14,16 +14,20 @@ from hippomat_core.allocation_round import Stepped, round_without_radio
 from hippomat_core.control.follower import Motion
 from hippomat_core.control.guard import Lateness, carried_along, guard
 from hippomat_core.control.nav_state import STANDING, NavOutcome
-from hippomat_core.control.navigator import navigate
+from hippomat_core.control.navigator import forget_path, navigate
 from hippomat_core.control.recovery import DRIVE
+from hippomat_core.control.together import Together
 from hippomat_core.faults import with_faults
 from hippomat_core.localization import on_tick
 from hippomat_core.messages import BASE, Drive, Effect, GuardLimited, PathPlanned, PoseEstimated, Tick
+from hippomat_core.motion.commitment import may_start
 from hippomat_core.planning.reservations import PeerMotion, peer_motion
 from hippomat_core.reactions import BY_CODE, Permissions, permissions
 from hippomat_core.state import NO_POINTS, State
 from hippomat_core.unsticking import unstuck, unworried
 from hippomat_core.wire.frames import FLAG_LOCALIZED
+
+ALONE_S = 3.0  # of silence since the start: there is nobody who has to hear of us first
 
 
 def tick(state: State, event: Tick) -> Stepped:
@@ -53,8 +57,12 @@ def _drive(state: State, now_ns: int, allowed: Permissions, effects: list[Effect
     claim = state.fleet.own_claim
     motion = Motion(*state.pose, *state.velocity)
     peers = peers_in_the_way(state, now_ns)
+    together = _together(state, now_ns)
+    navigator = state.navigator
+    if together is not None and state.outcome is None:  # nothing of it was broadcast: nothing is committed
+        navigator = forget_path(navigator)
     navigator, outcome = navigate(
-        state.navigator,
+        navigator,
         now_ns,
         motion,
         None if claim is None else claim.destination_m[:2],
@@ -63,6 +71,7 @@ def _drive(state: State, now_ns: int, allowed: Permissions, effects: list[Effect
         None if claim is None else state.fields.by_task.get(claim.id.task),
         state.config,
         state.held and state.recovery.step == DRIVE,
+        together,
     )
     if outcome.path is not None:
         ix, iy = (np.ascontiguousarray(axis) for axis in outcome.path.cells.astype(np.uint16).T)
@@ -93,10 +102,24 @@ def _guarded(
     return replace(state, navigator=navigator, held=safe.limited)
 
 
+def _together(state: State, now_ns: int) -> Together | None:
+    """Where the fleet plans its moves together: what round it is, and whether the others know of us."""
+    if state.ground is None or state.ground.lattice is None:
+        return None
+    me, fresh_ns = state.config.robot.id, int(state.config.planning.peer_stale_s * 1e9)
+    heard_by = [
+        bool(peer.frame.heard >> me & 1)
+        for peer in state.fleet.peers
+        if peer is not None and now_ns - peer.stamp_ns <= fresh_ns
+    ]
+    alone_s = (now_ns - state.started_ns) / 1e9
+    return Together(state.ground.lattice, state.fleet.clock.round, may_start(heard_by, alone_s, ALONE_S))
+
+
 def peers_in_the_way(state: State, now_ns: int) -> list[PeerMotion]:
     """Every peer that knows where it is, of whatever digest; the others are left to the scan."""
     return [
-        peer_motion(peer.robot, peer.frame, (now_ns - peer.stamp_ns) / 1e9)
+        peer_motion(peer.robot, peer.frame, (now_ns - peer.stamp_ns) / 1e9, peer.round, peer.agrees)
         for peer in state.fleet.peers
         if peer is not None and peer.frame.flags & FLAG_LOCALIZED
     ]

@@ -62,7 +62,7 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
         prepare_localizer(partial(print, flush=True))
     if config.slam.mode == "map":
         prepare_mapper(partial(print, flush=True))
-    prepare_planner(partial(print, flush=True))
+    prepare_planner(config.planning, partial(print, flush=True))
     links = make_links(config, given)
     try:
         with StopSignal() as stop, closing_all(links):

@@ -12,8 +12,10 @@ from collections.abc import Callable, Iterator
 
 from hippomat_core.allocation.factory import make_allocator
 from hippomat_core.allocation.warm_up import warm_up
-from hippomat_core.config import Config, FleetConfig
+from hippomat_core.config import Config, FleetConfig, PlanningConfig
 from hippomat_core.control.warm_up import warm_up as warm_up_control
+from hippomat_core.motion.planners import make_planner
+from hippomat_core.motion.planners import warm_up as plan_once
 from hippomat_core.planning import warm_up as planning_warm_up
 from hippomat_core.slam import warm_up as slam
 from hippomat_core.slam.mapper_warm_up import warm_up_mapper
@@ -48,10 +50,12 @@ def prepare_mapper(say: Callable[[str], None]) -> None:
         warm_up_mapper()
 
 
-def prepare_planner(say: Callable[[str], None]) -> None:
-    """Says so if it takes long."""
+def prepare_planner(planning: PlanningConfig, say: Callable[[str], None]) -> None:
+    """Says so if it takes long: ways for one robot, and where the fleet decides together, moves of all."""
     with told_if_slow("compiling the planner", say):
         planning_warm_up.warm_up()
+        if planning.planner != "replan":
+            plan_once(make_planner(planning.planner))
 
 
 @contextlib.contextmanager

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
-from hippomat_core.config import Config, FleetConfig, RobotConfig
+from hippomat_core.config import Config, FleetConfig, PlanningConfig, RobotConfig
 from hippomat_core.control.follower import Motion
 from hippomat_core.control.guard import carried_along, guard
 from hippomat_core.control.navigator import Navigator, navigate
+from hippomat_core.control.together import Together
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.motion.lattice import lattice_of
 from hippomat_core.planning.costmap import Costmap, inflate, reachable
 from hippomat_core.planning.distance_field import distance_at, distance_field
 from hippomat_core.planning.reservations import PeerMotion
@@ -77,6 +79,7 @@ class World:
         odometry_m: float = 0.02,
         inflation_m: float = 0.17,
         idle: int = 0,
+        planner: str = "replan",
     ) -> None:
         self.rng = np.random.default_rng(seed)
         self.grid, self.radio, self.odometry_m = grid, radio or Radio(), odometry_m
@@ -92,10 +95,11 @@ class World:
         self.idle = set(range(count - idle, count))
         self.robots: list[Body] = []
         self.trace: list[list[tuple]] = []
-        fleet = FleetConfig(size=count)
+        fleet, planning = FleetConfig(size=count), PlanningConfig(planner=planner)
+        self.lattice = None if planner == "replan" else lattice_of(self.costmap, 0.35)
         for k in range(count):
             x, y = self._free_site()
-            config = Config(fleet=fleet, robot=RobotConfig(id=k))
+            config = Config(fleet=fleet, robot=RobotConfig(id=k), planning=planning)
             self.robots.append(Body(config, x, y, self.rng.uniform(-3, 3)))
 
     def _sites(self) -> np.ndarray:
@@ -150,10 +154,7 @@ class World:
             cell = self.grid.cell_of(*robot.goal)
             robot.to_goal = distance_field(self.costmap, cell)
             robot.ideal_s += distance_at(self.costmap, robot.to_goal, robot.x, robot.y) / 0.2 + 1.0
-        peers = [
-            PeerMotion(p.robot, p.x_m, p.y_m, p.speed_mps, now_s - at, p.intent, p.destination)
-            for at, p in robot.heard.values()
-        ]
+        peers = [replace(p, age_s=now_s - at) for at, p in robot.heard.values()]
         x, y, yaw = robot.believed()
         motion = Motion(x, y, yaw, robot.v, robot.wz)
         robot.nav, out = navigate(
@@ -166,6 +167,7 @@ class World:
             robot.to_goal,
             robot.config,
             robot.held,
+            None if self.lattice is None else Together(self.lattice, self.tick // ROUND_TICKS, True),
         )
         robot.intent, robot.out = out.intent, out
         if self.tick % ROUND_TICKS == k % ROUND_TICKS:
@@ -190,7 +192,8 @@ class World:
         robot = self.robots[k]
         speed = min(round(abs(robot.v) * 50), 255) / 50
         x, y = round(motion.x_m, 2), round(motion.y_m, 2)
-        peer = PeerMotion(k, x, y, speed, 0.0, robot.intent[:13].copy(), robot.goal)
+        told = self.tick // ROUND_TICKS - 1
+        peer = PeerMotion(k, x, y, speed, 0.0, robot.intent[:13].copy(), robot.goal, told)
         for other in range(len(self.robots)):
             if other != k and self.rng.random() >= self.radio.loss:
                 delay = self.rng.uniform(*self.radio.delay_s)

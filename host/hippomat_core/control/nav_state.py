@@ -28,6 +28,8 @@ class Navigator:
     destination: tuple[float, float] | None = None
     path: Path | None = None
     cursor: int = 0  # path cell that we are at
+    heard: bool = False  # the others know of us: since then we may commit
+    together: bool = False  # the path is what we have committed ourselves to, not all the way
     aside: bool = False  # the path leads out of somebody's way, not to the destination
     aside_until_ns: int = NEVER
     arrived: bool = False
@@ -96,6 +98,7 @@ class View:
     costmap: Costmap
     field: DistanceField | None
     config: Config
+    marks: Sequence[tuple[float, float]] = ()  # x, y [m] where the scan guard stopped us lately
 
     @property
     def resolution_m(self) -> float:

@@ -29,6 +29,7 @@ from hippomat_core.control.nav_state import (
     Stretch,
     View,
 )
+from hippomat_core.control.together import Together, choose_together
 from hippomat_core.planning.astar import path_length_m
 from hippomat_core.planning.costmap import Costmap, nearest_free
 from hippomat_core.planning.distance_field import DistanceField
@@ -52,24 +53,32 @@ def navigate(
     field: DistanceField | None,
     config: Config,
     held: bool = False,
+    together: Together | None = None,
 ) -> tuple[Navigator, NavOutcome]:
     """One control step, about 20 times a second.
 
     destination: (x, y) [m, map frame], None: nothing to drive to   field: distance_field to it, if at hand
     held: the scan guard slowed or stopped the previous command
+    together: given where the fleet plans its moves together; without, robots wait, plan again and give way
     """
     dt_s = 0.05 if nav.stamp_ns == NEVER else min(max((stamp_ns - nav.stamp_ns) / 1e9, 0.0), 0.2)
-    nav = replace(nav, stamp_ns=stamp_ns, marks=tuple(m for m in nav.marks if m[2] > stamp_ns))
+    marks_left = tuple(m for m in nav.marks if m[2] > stamp_ns)
+    nav = replace(nav, stamp_ns=stamp_ns, marks=marks_left, together=together is not None)
     if destination != nav.destination:
-        nav = replace(nav.without_path(), destination=destination, arrived=False)
+        # What is committed is driven to its end: the others count on it.
+        nav = replace(nav if nav.together else nav.without_path(), destination=destination, arrived=False)
     cell = nearest_free(costmap, motion.x_m, motion.y_m)
     if cell is None:
         return _lost(nav, motion, costmap, config, dt_s)
     nav = _held(nav, motion, held, config)
     marks = [(x, y) for x, y, _ in nav.marks]
     taken = reserve(peers, costmap.grid, (motion.x_m, motion.y_m), destination is not None, config, marks)
-    view = View(stamp_ns, dt_s, motion, cell, peers, taken, costmap, field, config)
+    view = View(stamp_ns, dt_s, motion, cell, peers, taken, costmap, field, config, marks)
     nav = _arrival(nav, view)
+    if together is not None:
+        nav, chosen = choose_together(nav, view, together)
+        nav, stretch = _along_commitment(nav, view)
+        return _outcome(nav, view, chosen, stretch)
     nav, chosen = choose_errand(nav, view)
     nav, changed, stretch = _progress(nav, view)
     return _outcome(nav, view, changed or chosen, stretch)
@@ -128,6 +137,24 @@ def _progress(nav: Navigator, view: View) -> tuple[Navigator, NewPath | None, St
         return replace(nav, blocked_since_ns=NEVER, tried=0), None, stretch
     nav, new = when_blocked(nav, view, stretch)
     return nav, new, _stretch(nav, view) if new is not None else stretch
+
+
+def _along_commitment(nav: Navigator, view: View) -> tuple[Navigator, Stretch]:
+    """Move the cursor along what is committed, and see how far the peers' bodies leave it free."""
+    if nav.path is None:
+        return nav, NO_STRETCH
+    nav, off_m = _tracked(nav, view)
+    if off_m > OFF_PATH_M:
+        return nav.without_path(), NO_STRETCH
+    stretch = _stretch(nav, replace(view, taken=view.taken.physical()))
+    if not (stretch.blocked and view.stands):
+        return replace(nav, blocked_since_ns=NEVER), stretch
+    if nav.blocked_since_ns == NEVER:
+        return replace(nav, blocked_since_ns=view.now_ns), stretch
+    if view.blockages(nav.blocked_since_ns) < view.config.planning.replan_after_blockages:
+        return nav, stretch
+    # Somebody stands where nobody should: give back what is left of the commitment and decide anew.
+    return nav.without_path(), NO_STRETCH
 
 
 def _tracked(nav: Navigator, view: View) -> tuple[Navigator, float]:
@@ -211,6 +238,8 @@ def _intent(nav: Navigator, view: View) -> Cells:
     """What we mean to drive next, also while others keep us from it: that is how they learn to let us by."""
     if nav.path is None or nav.arrived:
         return np.array([view.cell], np.int32)
+    if nav.together:
+        return nav.path[nav.cursor :]
     steps = min(round(view.config.planning.intent_horizon_m / view.resolution_m), MAX_INTENT_STEPS)
     return nav.path[nav.cursor : nav.cursor + 1 + steps]
 
@@ -218,7 +247,7 @@ def _intent(nav: Navigator, view: View) -> Cells:
 def _remaining_m(nav: Navigator, view: View) -> float:
     if nav.destination is None or nav.arrived:
         return 0.0
-    if nav.path is not None and not nav.aside:
+    if nav.path is not None and not nav.aside and not nav.together:
         return path_length_m(nav.path[nav.cursor :], view.resolution_m)
     return math.inf if view.field is None else float(view.field[view.cell[1], view.cell[0]])
 

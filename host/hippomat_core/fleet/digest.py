@@ -12,8 +12,8 @@ from hippomat_core.wire.frames import PROTOCOL_VERSION
 def fleet_digest(config: FleetConfig, c_max_s: float, ground: bytes, policy_hash: bytes = b"") -> int:
     """Digest of protocol version, fleet settings, the c_max in use [s], the ground and the policy's weights.
 
-    ground: the map's hash and, where tasks are placed by everyone for himself, the sites: they follow from
-    radius and inflation too, and robots that differ would drive to other places for the same task.
+    ground: the map's hash, the planner's name and, where tasks are placed by everyone for himself, the sites:
+    they follow from radius and inflation too, and robots that differ would drive elsewhere for the same task.
     policy_hash stands for the weights themselves: the path of their file may differ between robots.
     """
     settings = dataclasses.asdict(dataclasses.replace(config, c_max_s=c_max_s, policy=""))

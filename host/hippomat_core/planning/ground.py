@@ -14,8 +14,13 @@ from hippomat_core.config import Config
 from hippomat_core.errors import MapError
 from hippomat_core.fleet.sites import task_sites
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.motion.lattice import Lattice, lattice_of
 from hippomat_core.planning.costmap import Costmap, inflate, parts
 from hippomat_core.planning.distance_field import distance_field
+from hippomat_core.planning.reservations import keep_out_m
+from hippomat_core.wire.frames import MAX_INTENT_STEPS
+
+OFF_PATH_M = 0.05  # nodes of the lattice are so much farther apart than robots keep out of each other
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +32,7 @@ class Ground:
     drivable: NDArray[np.bool_]  # the largest connected part of the costmap's free cells
     sites: NDArray[np.int16]  # (S, 3) [cm], where tasks may stand
     c_max_s: float
+    lattice: Lattice | None = None  # given where the fleet plans its moves together
 
 
 def ground_of(grid: OccupancyGrid, epoch: int, config: Config) -> Ground:
@@ -45,7 +51,21 @@ def ground_of(grid: OccupancyGrid, epoch: int, config: Config) -> Ground:
             "[planning] inflation_radius or use a map with more room"
         )
     c_max_s = config.fleet.c_max_s or _longest_way_m(costmap, sites) / config.limits.speed_mps
-    return Ground(epoch, costmap, drivable, sites, c_max_s)
+    return Ground(epoch, costmap, drivable, sites, c_max_s, _lattice(costmap, config))
+
+
+def _lattice(costmap: Costmap, config: Config) -> Lattice | None:
+    if config.planning.planner == "replan":
+        return None
+    apart_m = keep_out_m(config) + OFF_PATH_M
+    lattice = lattice_of(costmap, apart_m)
+    if lattice is None or lattice.side > MAX_INTENT_STEPS - 1:
+        why = f"cells of {costmap.grid.resolution_m} m" if lattice is not None else "this map's free space"
+        raise MapError(
+            f"[planning] planner = {config.planning.planner!r} cannot lay nodes {apart_m:.2f} m apart over "
+            f"{why}: use a map with cells of about 0.05 m and room for two robots, or planner = 'replan'"
+        )
+    return lattice
 
 
 def _largest_part(costmap: Costmap) -> NDArray[np.bool_]:

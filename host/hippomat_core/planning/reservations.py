@@ -40,10 +40,17 @@ class PeerMotion:
     age_s: float  # since it was heard, on our monotonic clock
     intent: Cells  # the cells it means to drive next, first the one it is in
     destination: tuple[float, float] | None  # of its claim
+    told_round: int = -1  # what it decided in rounds up to this one, the frame tells
+    promises: bool = True  # it is of our fleet: its intent is all that it has committed itself to
 
 
-def peer_motion(robot: int, frame: StateFrame, age_s: float) -> PeerMotion:
-    """A peer's STATE, heard age_s ago, as motion."""
+def peer_motion(
+    robot: int, frame: StateFrame, age_s: float, sent_round: int = -1, promises: bool = True
+) -> PeerMotion:
+    """A peer's STATE, sent in sent_round and heard age_s ago, as motion.
+
+    A STATE is composed at the end of the round before, and then tells what was decided up to that end.
+    """
     claim = frame.claim
     return PeerMotion(
         robot=robot,
@@ -53,6 +60,8 @@ def peer_motion(robot: int, frame: StateFrame, age_s: float) -> PeerMotion:
         age_s=age_s,
         intent=decode_intent(frame.intent_ix, frame.intent_iy, frame.intent_steps),
         destination=None if claim.slot == NO_SLOT else (claim.x_cm / 100.0, claim.y_cm / 100.0),
+        told_round=sent_round - 2,
+        promises=promises,
     )
 
 
@@ -132,6 +141,33 @@ def reserve(
     # Inside a taken disc we may still move away from its middle, never nearer.
     radius_m = np.where(inside, np.maximum(distance_m - TOLERANCE_M, 0.0), table[:, 2])
     return Taken(xy, radius_m, table[:, 3], table[:, 4].astype(np.int32), table[:, 5] > 0, inside)
+
+
+def committed(
+    peers: Sequence[PeerMotion],
+    reach_m: Sequence[float],
+    grid: OccupancyGrid,
+    from_xy: tuple[float, float],
+    config: Config,
+) -> Taken:
+    """All that peers have committed themselves to, for ever, seen from from_xy.
+
+    reach_m: for each peer, how much longer its commitment may be than what was heard
+    """
+    out_m = keep_out_m(config)
+    rows = []
+    for peer, more_m in zip(peers, reach_m, strict=True):
+        rows.append((peer.x_m, peer.y_m, 0.0, peer.robot))
+        places = [grid.centre_of(ix, iy) for ix, iy in peer.intent.tolist()]
+        rows += [(x, y, 0.0, peer.robot) for x, y in places[:-1]]
+        rows += [(x, y, more_m, peer.robot) for x, y in places[-1:]]
+    table = np.array(rows, np.float64).reshape(-1, 4)
+    distance_m = np.hypot(table[:, 0] - from_xy[0], table[:, 1] - from_xy[1])
+    # Who is too near already may move away; but not within reach of what was not heard.
+    inside = (distance_m < out_m) & (table[:, 2] == 0.0)
+    radius_m = np.where(inside, np.maximum(distance_m - TOLERANCE_M, 0.0), out_m + table[:, 2])
+    now, never = np.zeros(len(table)), np.zeros(len(table), np.bool_)
+    return Taken(table[:, :2], radius_m, now, table[:, 3].astype(np.int32), never, inside)
 
 
 def _peer_rows(

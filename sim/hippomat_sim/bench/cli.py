@@ -22,6 +22,8 @@ examples:
   hippomat-bench radio --loss 0.3 --json
   hippomat-bench radio --faults --seconds 3600 --no-plain --plot agreement.png
   hippomat-bench plan FILE.scen... --matrix
+  hippomat-bench motion --map warehouse
+  hippomat-bench motion --map random:0.3 --loss 0.3 --seeds 2 --picture motion.png
   hippomat-bench slam intel_raw_odometry.log.gz --picture map.png
   hippomat-bench tables --out build/tables --resume
   hippomat-bench tables --only fixed --methods graphsage,greedy --agents 5,10 --episodes 200
@@ -55,6 +57,13 @@ _COMMANDS = (
         "the travel costs of a decision in the air.",
     ),
     _Command(
+        "motion",
+        "collision-free motion of many robots: collisions, stuck robots, throughput, time to plan",
+        "Robots that drive to one goal after another on one map, each planning for the whole fleet from\n"
+        "what it heard; a checker that knows only geometry looks for collisions. The bound is every robot\n"
+        "driving its shortest ways without a pause, as if it were alone.",
+    ),
+    _Command(
         "slam",
         "mapping from lidar logs: errors against measured relations, time per scan, the map",
         "Maps a lidar log in CARMEN's format as a robot would, scan by scan, closes loops, sharpens the\n"
@@ -76,6 +85,11 @@ _COMMANDS = (
         "summarises a log of gigabytes.",
     ),
 )
+
+_MOTION = """\
+Robots that drive to one goal after another on one map, each planning for the whole fleet from what it
+heard; a checker that knows only geometry looks for collisions. The bound is every robot driving its
+shortest ways without a pause, as if it were alone."""
 
 
 class _Parser(argparse.ArgumentParser):

@@ -43,19 +43,19 @@ def run(options: argparse.Namespace) -> int:
     return 0 if report.met else MISSED
 
 
-def check_plot(path: Path) -> None:
+def check_plot(path: Path, option: str = "--plot") -> None:
     """ConfigError where draw() could not write there; before a run of an hour, not after it."""
     if path.suffix.lower() not in PLOT_SUFFIXES:
-        raise ConfigError(f"--plot {path}: the name must end in {', '.join(PLOT_SUFFIXES)}")
+        raise ConfigError(f"{option} {path}: the name must end in {', '.join(PLOT_SUFFIXES)}")
     if not path.parent.is_dir():
-        raise ConfigError(f"--plot {path}: there is no directory {path.parent}")
+        raise ConfigError(f"{option} {path}: there is no directory {path.parent}")
     if path.is_dir() or (path.exists() and not os.access(path, os.W_OK)):
-        raise ConfigError(f"--plot {path}: cannot be overwritten")
+        raise ConfigError(f"{option} {path}: cannot be overwritten")
     import_module("matplotlib")  # guarded() says how to install it
     try:
         tempfile.TemporaryFile(dir=path.parent).close()
     except OSError as error:
-        raise ConfigError(f"--plot {path}: cannot write into {path.parent}: {error.strerror}") from error
+        raise ConfigError(f"{option} {path}: cannot write into {path.parent}: {error.strerror}") from error
 
 
 def _measure(settings: RadioSettings, with_plain: bool) -> tuple[OurFigures, dict[str, Traffic]]:
