@@ -12,6 +12,7 @@ from hippomat_core.messages import (
     Effect,
     Event,
     LaserScanReceived,
+    Localized,
     PortLost,
     PortOpened,
     PoseEstimated,
@@ -57,6 +58,7 @@ class FleetView:
     radio: RadioStatus | None = None
     stop: StopHeard | None = None  # the last STOP, not RESUME
     pose: PoseEstimated | None = None
+    place: Localized | None = None  # what the last sweep said of it
     drive: Drive | None = None
     claim: ClaimChanged | None = None
     decided: RoundDecided | None = None
@@ -89,6 +91,8 @@ class FleetView:
     def effect(self, effect: Effect) -> None:
         if isinstance(effect, PoseEstimated):
             self.pose = effect
+        elif isinstance(effect, Localized):
+            self.place = effect
         elif isinstance(effect, Drive):
             self.drive = effect
         elif isinstance(effect, RoundDecided):

@@ -145,7 +145,9 @@ def _motion(view: FleetView) -> str:
     if view.pose is None:
         return f"no pose yet{drive}"
     pose = view.pose
-    return f"({pose.x_m:.2f}, {pose.y_m:.2f}) m {math.degrees(pose.yaw_rad):.0f}° {pose.v_mps:.2f} m/s{drive}"
+    fits = "" if view.place is None else f" fit {view.place.score:.2f}"
+    where = f"({pose.x_m:.2f}, {pose.y_m:.2f}) m {math.degrees(pose.yaw_rad):.0f}°{fits}"
+    return f"{where} {pose.v_mps:.2f} m/s{drive}"
 
 
 def _claim(view: FleetView) -> str:

@@ -10,6 +10,8 @@ from typing import Any
 from hippomat_core.config import MAX_ROBOTS, MAX_TASK_SLOTS, Config, config_to_dict, parse_config
 from hippomat_core.errors import ConfigError
 
+IMAGES = (".pgm", ".png", ".bmp")
+
 
 @dataclass(frozen=True, slots=True)
 class Carried:
@@ -88,7 +90,7 @@ def run_config(settings: RunSettings) -> Config:
 def described_map(settings: RunSettings) -> tuple[Path, str]:
     """The map's description, and its text where it has to be written first: --map may be a bare image."""
     path = settings.map_yaml
-    if path.suffix.lower() in (".yaml", ".yml"):
+    if path.suffix.lower() not in IMAGES:
         return path, ""
     if not path.is_file():
         raise ConfigError(f"--map {path}: there is no such file")

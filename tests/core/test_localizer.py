@@ -19,7 +19,8 @@ from hippomat_core.planning.costmap import inflate
 from hippomat_core.slam.localizer import LOCALIZED, Seen, first_localizer, saved_map, with_sweep
 from hippomat_core.slam.masking import masked
 from hippomat_core.slam.odometry import Odometry, moved
-from hippomat_core.slam.pose2 import apart, between, compose, inverse, transformed
+from hippomat_core.slam.pose2 import apart, between, compose, inverse
+from hippomat_core.slam.poses import placed
 from hippomat_core.slam.scan_fit import scan_fit
 from hippomat_core.slam.steady_clock import SteadyClock
 from hippomat_core.slam.sweep import SAMPLE_NS, deskewed
@@ -85,7 +86,7 @@ def test_a_sweep_is_seen_as_from_one_place_however_the_robot_moved(v_mps, wz_rad
     assert at_ns == end_ns
     assert pose == pytest.approx(trail[-1][1:])
     # An angle is cut to 1/64 degree, a way between two odometry poses to a straight line.
-    assert np.abs(transformed(pose, points) - place).max() < 0.004
+    assert np.abs(placed(points, pose) - place).max() < 0.004
 
 
 @given(
@@ -192,7 +193,7 @@ def test_masking_takes_returns_near_peers_and_no_others(peers, pose):
     points = rng.uniform(-3, 3, (60, 2))
     at = np.array(peers).reshape(-1, 2)
     left = masked(points, pose, at, 0.12)
-    in_map = transformed(pose, points)
+    in_map = placed(points, pose)
     near = (np.hypot(*(in_map[:, None] - at[None]).transpose(2, 0, 1)) <= 0.27).any(axis=1)
     assert len(left) == len(points) - near.sum()
     assert {tuple(p) for p in left} == {tuple(p) for p in points[~near]}

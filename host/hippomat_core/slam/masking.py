@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hippomat_core.slam.pose2 import Pose, inverse, transformed
+from hippomat_core.slam.pose2 import Pose, inverse
+from hippomat_core.slam.poses import placed
 
 MARGIN_M = 0.15  # their pose and ours are not exact, and theirs is a moment old
 
@@ -22,6 +23,6 @@ def masked(
     """
     if not len(peers_m) or not len(points):
         return points
-    xy = transformed(inverse(pose), peers_m)
+    xy = placed(peers_m, inverse(pose))
     away_m = np.hypot(points[:, None, 0] - xy[None, :, 0], points[:, None, 1] - xy[None, :, 1])
     return points[(away_m > radius_m + MARGIN_M).all(axis=1)]

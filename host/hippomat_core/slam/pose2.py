@@ -1,4 +1,4 @@
-"""Poses in the plane as plain tuples (x [m], y [m], yaw [rad]). Knows no frames by name and no robot.
+"""One pose in the plane as a plain tuple (x [m], y [m], yaw [rad]); poses.py has arrays of them.
 
 A pose b_from_a takes points of frame a to frame b, and is where frame a lies in frame b.
 """
@@ -6,9 +6,6 @@ A pose b_from_a takes points of frame a to frame b, and is where frame a lies in
 from __future__ import annotations
 
 import math
-
-import numpy as np
-from numpy.typing import NDArray
 
 Pose = tuple[float, float, float]
 
@@ -32,13 +29,6 @@ def inverse(a: Pose) -> Pose:
 def between(a: Pose, b: Pose) -> Pose:
     """b as seen from a: both in one frame."""
     return compose(inverse(a), b)
-
-
-def transformed(pose: Pose, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) points of the pose's own frame, in the frame that the pose is given in."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    x, y = points[:, 0], points[:, 1]
-    return np.stack([pose[0] + c * x - s * y, pose[1] + s * x + c * y], axis=1)
 
 
 def apart(a: Pose, b: Pose) -> tuple[float, float]:

@@ -146,7 +146,9 @@ def _bounded(search: Relocalization, pyramid: Pyramid) -> Relocalization:
         _bound_squares(pyramid.best[-1], pyramid.open[-1], search.offsets[heading, -1], bounds[heading])
     if until < HEADINGS:
         return replace(search, bounds=bounds, heading=until)
-    order = np.argsort(-bounds.ravel(), kind="stable").astype(np.int32)
+    flat = bounds.ravel()
+    promising = np.flatnonzero(flat >= FLOOR * 255 * search.offsets.shape[3])
+    order = promising[np.argsort(-flat[promising], kind="stable")].astype(np.int32)
     return replace(search, bounds=bounds, heading=until, order=order)
 
 

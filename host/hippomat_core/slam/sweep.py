@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from hippomat_core.config import LidarConfig
 from hippomat_core.messages import ScanReceived
 from hippomat_core.slam.odometry import Odometry
-from hippomat_core.slam.pose2 import Pose, inverse, transformed
+from hippomat_core.slam.pose2 import Pose, inverse
+from hippomat_core.slam.poses import placed
 from hippomat_core.slam.steady_clock import SteadyClock
 
 SAMPLE_NS = 500_000.0  # an RPLIDAR A1 takes 2,000 samples a second in the standard scan
@@ -38,4 +39,4 @@ def deskewed(
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     in_odom = np.stack([east_m + c * x_m - s * y_m, north_m + s * x_m + c * y_m], axis=1)
     x, y, yaw = (float(axis[0]) for axis in odometry.poses_at(np.array([float(at_ns)])))
-    return transformed(inverse((x, y, yaw)), in_odom), (x, y, yaw), at_ns
+    return placed(in_odom, inverse((x, y, yaw))), (x, y, yaw), at_ns
