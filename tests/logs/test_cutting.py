@@ -57,13 +57,16 @@ def messages_of(source: Source, topics: frozenset[str] = frozenset()) -> list[tu
     return sorted(found)
 
 
-@pytest.mark.parametrize("name", BAGS)
-@pytest.mark.parametrize(
-    ("target", "storage"), [("x.mcap", ""), ("x.bag", ""), ("x", "sqlite3"), ("x", "mcap")]
-)
+WAYS = (("x.bag", "sqlite3"), ("x", "sqlite3"))
+MORE_WAYS = (("x.mcap", "sqlite3"), ("x", "mcap"))  # for the small ones
+CASES = [(name, *way) for name in BAGS for way in WAYS]
+CASES += [(name, *way) for name in ("talker.mcap", "cdr_test_0.mcap") for way in MORE_WAYS]
+
+
+@pytest.mark.parametrize(("name", "target", "storage"), CASES)
 def test_messages_are_equal_there_and_back(tmp_path: Path, name: str, target: str, storage: str) -> None:
     source = open_source(data_folder() / "bags" / name)
-    written, left_out = convert(source, tmp_path / target, storage or "sqlite3", lambda _: None)
+    written, left_out = convert(source, tmp_path / target, storage, lambda _: None)
     assert set(left_out) == (SERVICES if "services" in name else set())
     there = open_source(tmp_path / target)
     convert(there, tmp_path / "back.mcap", "sqlite3", lambda _: None)
