@@ -72,6 +72,11 @@ class DerivedTopics:
         offset = self._transform(0, "base_link", "lidar", (lidar.x_m, lidar.y_m, lidar.yaw_rad), lidar.z_m)
         yield self._encode("/tf_static", transforms=[offset])
 
+    @property
+    def kinds(self) -> frozenset[type]:
+        """Records that of() must be given, in their order; nothing follows from any other."""
+        return frozenset(self._views)
+
     def of(self, record: Any, log_time_ns: int) -> Iterable[tuple[str, bytes]]:
         """(topic, CDR) of everything that follows from one record; often nothing."""
         view = self._views.get(type(record))

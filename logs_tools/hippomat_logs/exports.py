@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hippomat_core.errors import HippomatError
 from hippomat_logs.column_table import ROW, TIME, Table
 from hippomat_logs.log_writer import refuse_existing
-from hippomat_logs.opened_run import OpenedRun
+from hippomat_logs.opened_run import BATCH_ROWS, OpenedRun
 
 # message type -> where its pose and, where it has one, its own stamp are
 POSES = {
@@ -39,13 +39,13 @@ def file_word(topic: str) -> str:
 # ---- CSV and Parquet ----
 
 
-def export_csv(run: OpenedRun, topic: str, directory: Path) -> list[Path]:
-    """One file per table; arrays are JSON lists in their cells."""
+def export_csv(run: OpenedRun, topic: str, directory: Path, rows: int = BATCH_ROWS) -> list[Path]:
+    """One file per table; arrays are JSON lists in their cells. rows: messages in memory at once."""
     writers: dict[str, Any] = {}
     paths: list[Path] = []
     files: list[Any] = []
     try:
-        for table, first_row in _flat(run, topic):
+        for table, first_row in _flat(run, topic, rows):
             if table.name not in writers:
                 path = directory / f"{file_word(table.name)}.csv"
                 refuse_existing(path)
@@ -75,7 +75,7 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def export_parquet(run: OpenedRun, topic: str, directory: Path) -> list[Path]:
+def export_parquet(run: OpenedRun, topic: str, directory: Path, rows: int = BATCH_ROWS) -> list[Path]:
     """One file per table; arrays stay lists. Needs pyarrow, of the extra `tables`."""
     try:
         import pyarrow as arrow
@@ -85,7 +85,7 @@ def export_parquet(run: OpenedRun, topic: str, directory: Path) -> list[Path]:
     writers: dict[str, Any] = {}
     paths: list[Path] = []
     try:
-        for table, first_row in _flat(run, topic):
+        for table, first_row in _flat(run, topic, rows):
             columns = dict(table.columns)
             if ROW in columns:
                 columns[ROW] = columns[ROW] + first_row
@@ -114,10 +114,10 @@ def _arrow(arrow: Any, column: NDArray[Any]) -> Any:
     return arrow.array(list(column), type=arrow.list_(arrow.from_numpy_dtype(column[0].dtype)))
 
 
-def _flat(run: OpenedRun, topic: str) -> Iterator[tuple[Table, int]]:
+def _flat(run: OpenedRun, topic: str, rows: int) -> Iterator[tuple[Table, int]]:
     """All tables of a topic, batch by batch; with each the rows that its outer table had before."""
     done: Counter[str] = Counter()
-    for batch in run.batches(topic):
+    for batch in run.batches(topic, rows):
         yield batch, 0
         yield from _below(batch, done)
         done.update({table.name: len(table) for table in batch.tables()})

@@ -99,7 +99,9 @@ class Recorder:
         self._disk = DiskWatch(config.log.low_mib, free)
         self._store = MessageStore()
         self._store.warm_up()
+        self._encoders = self._store.encoders()
         self._derived = DerivedTopics(self._store, config)
+        self._drawn = self._derived.kinds
         self._next = 1
         self._queue: deque[tuple[int, int, Any]] = deque()
         self._limit, self._half = queue_records, queue_records // 2
@@ -240,14 +242,15 @@ class Recorder:
         if self._gap is not None:
             self._end_gap(log_time_ns, now_s)
         try:
-            encoded = Encoded(TOPICS[type(record)], number, log_time_ns, self._store.encode(record))
+            topic, encode = self._encoders[type(record)]
+            encoded = Encoded(topic, number, log_time_ns, encode(record))
         except Exception as error:  # a wrong value must cost that record, not the run
             encoded = self._lost_for(number, log_time_ns, record, error)
         self._series.add(encoded, now_s)
         hurried = not self._lossless and len(self._queue) > self._limit // 4
-        if self._level < NO_VIEWS and not hurried:  # views are shed first
-            for topic, data in self._views(record, log_time_ns):
-                self._series.add(Encoded(topic, number, log_time_ns, data, derived=True), now_s)
+        if type(record) in self._drawn and self._level < NO_VIEWS and not hurried:  # views are shed first
+            for view, data in self._views(record, log_time_ns):
+                self._series.add(Encoded(view, number, log_time_ns, data, derived=True), now_s)
 
     def _end_gap(self, log_time_ns: int, now_s: float) -> None:
         if self._gap is not None:

@@ -16,7 +16,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hippomat_core import messages
-from hippomat_logs.cdr_encoder import FieldSpec, make_encoder
+from hippomat_logs.cdr_encoder import Encoder, FieldSpec, make_encoder
 from hippomat_logs.cdr_layout import Field, fields_of_type
 from hippomat_logs.records import DropRecord, SerialRecord, TimingRecord
 
@@ -128,6 +128,10 @@ class MessageStore:
     def encode(self, message: object) -> bytes:
         """CDR bytes of one of our records; raises ValueError or struct.error where a value does not fit."""
         return self._encoders[type(message)](message)
+
+    def encoders(self) -> dict[type, tuple[str, Encoder]]:
+        """Topic and encoder of every class, for whoever encodes hundreds a second."""
+        return {kind: (TOPICS[kind], encoder) for kind, encoder in self._encoders.items()}
 
     def decode(self, kind: type, data: bytes | memoryview) -> Any:
         """The record again; its arrays are read-only."""

@@ -17,6 +17,7 @@ from hippomat_core.errors import HippomatError
 from hippomat_logs import open_run
 from hippomat_logs.cli import main
 from hippomat_logs.conversion import convert
+from hippomat_logs.exports import export_csv, export_parquet
 from hippomat_logs.frames import FrameTree
 from hippomat_logs.points import points_of
 from hippomat_logs.reader import open_runs
@@ -57,13 +58,16 @@ def messages_of(source: Source, topics: frozenset[str] = frozenset()) -> list[tu
     return sorted(found)
 
 
-@pytest.mark.parametrize("name", BAGS)
-@pytest.mark.parametrize(
-    ("target", "storage"), [("x.mcap", ""), ("x.bag", ""), ("x", "sqlite3"), ("x", "mcap")]
-)
+WAYS = (("x.bag", "sqlite3"), ("x", "sqlite3"))
+MORE_WAYS = (("x.mcap", "sqlite3"), ("x", "mcap"))  # for the small ones
+CASES = [(name, *way) for name in BAGS for way in WAYS]
+CASES += [(name, *way) for name in ("talker.mcap", "cdr_test_0.mcap") for way in MORE_WAYS]
+
+
+@pytest.mark.parametrize(("name", "target", "storage"), CASES)
 def test_messages_are_equal_there_and_back(tmp_path: Path, name: str, target: str, storage: str) -> None:
     source = open_source(data_folder() / "bags" / name)
-    written, left_out = convert(source, tmp_path / target, storage or "sqlite3", lambda _: None)
+    written, left_out = convert(source, tmp_path / target, storage, lambda _: None)
     assert set(left_out) == (SERVICES if "services" in name else set())
     there = open_source(tmp_path / target)
     convert(there, tmp_path / "back.mcap", "sqlite3", lambda _: None)
@@ -196,12 +200,15 @@ def test_tables_are_exported_as_they_are(run: Path, tmp_path: Path) -> None:
     ].tolist()
 
 
-def test_rows_of_inner_tables_go_on_over_batches(run: Path, tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr("hippomat_logs.opened_run.OpenedRun.batches.__defaults__", (7, 0.0, float("inf")))
-    assert main(["export", str(run), "--topics", "/tf", "-o", str(tmp_path)]) == 0
+def test_rows_of_inner_tables_go_on_over_batches(run: Path, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    opened = open_run(run)
+    wanted = opened["/tf"].child("transforms")["row"].tolist()
+    export_csv(opened, "/tf", tmp_path, rows=7)
     with (tmp_path / "tf.transforms.csv").open() as file:
-        rows = [int(row["row"]) for row in csv.DictReader(file)]
-    assert rows == open_run(run)["/tf"].child("transforms")["row"].tolist()
+        assert [int(row["row"]) for row in csv.DictReader(file)] == wanted
+    export_parquet(opened, "/tf", tmp_path, rows=7)
+    assert parquet.read_table(tmp_path / "tf.transforms.parquet").to_pydict()["row"] == wanted
 
 
 def test_trajectories_go_to_evo(run: Path, tmp_path: Path) -> None:

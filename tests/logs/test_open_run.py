@@ -29,7 +29,7 @@ from hippomat_logs.records import SerialRecord
 from hippomat_logs.schema import TOPICS, type_name
 
 
-@settings(max_examples=12)
+@settings(max_examples=5)
 @given(st.integers(0, 2**32 - 1))
 def test_every_record_is_in_the_columns_as_it_was_encoded(seed: int) -> None:
     store, rng = reading_store(), np.random.default_rng(seed)
@@ -68,7 +68,7 @@ def names_of(value: Any) -> list[str]:
     return [f.name for f in dataclasses.fields(value) if f.name != "__msgtype__" and not f.name.isupper()]
 
 
-@settings(max_examples=12)
+@settings(max_examples=5)
 @given(st.integers(0, 2**32 - 1))
 def test_our_encoder_and_rosbags_make_the_same_bytes(seed: int) -> None:
     store, rng = reading_store(), np.random.default_rng(seed)
