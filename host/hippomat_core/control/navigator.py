@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hippomat_core.config import Config
 from hippomat_core.control.errands import choose_errand, plan, when_blocked
-from hippomat_core.control.follower import Motion, follow, limited
+from hippomat_core.control.follower import BRAKE_SHARE, REACTION_S, Motion, follow, limited
 from hippomat_core.control.nav_state import (
     NEVER,
     NO_STRETCH,
@@ -39,6 +39,7 @@ from hippomat_core.wire.frames import MAX_INTENT_STEPS
 AHEAD_CELLS = 24  # of our own path are checked, about twice an intent
 STOP_AT_M = 0.03  # from the destination
 OFF_PATH_M = 0.15
+CRAWL_MPS = 0.01
 SLACK_MOVING_S, SLACK_STANDING_S = 0.6, 1.0  # two values, so that a robot does not dither at a crossing
 MARK_S, MARKS = 4.0, 3  # how long and how many places the scan guard stopped us at are remembered
 
@@ -65,8 +66,8 @@ def navigate(
     marks_left = tuple(m for m in nav.marks if m[2] > stamp_ns)
     nav = replace(nav, stamp_ns=stamp_ns, marks=marks_left, together=together is not None)
     if destination != nav.destination:
-        # What is committed is driven to its end: the others count on it.
-        nav = replace(nav if nav.together else nav.without_path(), destination=destination, arrived=False)
+        nav = _given_back(nav, motion, costmap, config) if nav.together else nav.without_path()
+        nav = replace(nav, destination=destination, arrived=False)
     cell = nearest_free(costmap, motion.x_m, motion.y_m)
     if cell is None:
         return _lost(nav, motion, costmap, config, dt_s)
@@ -87,6 +88,15 @@ def navigate(
 def forget_path(nav: Navigator) -> Navigator:
     """For a new map: the next call plans anew."""
     return nav.without_path()
+
+
+def _given_back(nav: Navigator, motion: Motion, costmap: Costmap, config: Config) -> Navigator:
+    """Of what is committed keep what we can no longer stop before; a shorter commitment is always safe."""
+    if nav.path is None:
+        return nav
+    stop_m = REACTION_S * motion.v_mps + motion.v_mps**2 / (2.0 * BRAKE_SHARE * config.limits.accel_mps2)
+    kept = math.ceil(stop_m / costmap.grid.resolution_m) + 1 if motion.v_mps > CRAWL_MPS else 0
+    return replace(nav, path=nav.path[: nav.cursor + 1 + kept]) if kept else nav.without_path()
 
 
 def _held(nav: Navigator, motion: Motion, held: bool, config: Config) -> Navigator:

@@ -35,7 +35,7 @@ from hippomat_core.planning.costmap import nearest_free
 from hippomat_core.planning.reservations import PeerMotion, Positions, committed, free_stretch, keep_out_m
 from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
-LEG_M = 0.55  # no commitment grows by more at once
+LEG_M = 0.85  # no commitment grows by more at once: a whole one, all of it diagonal, on a map of 0.05 m
 FAR_M = 2.5  # two whole commitments, what robots keep out of each other, and a second to hear of it
 FORGET_S = 10.0  # a peer silent for so long stands where it was last heard to go, or is far away
 
@@ -142,7 +142,7 @@ def _legs(nav: Navigator, view: View, together: Together, path: Path) -> Iterato
     goal = None if nav.destination is None or nav.arrived else nearest_free(costmap, *nav.destination)
     own = int(lattice.near[end[1], end[0]])
     wish, then = (own, own) if own == NOWHERE else _wish(view, together, end, goal)
-    if goal is not None and int(lattice.near[goal[1], goal[0]]) in (own, wish, NOWHERE):
+    if goal is not None and int(lattice.near[goal[1], goal[0]]) in (own, wish, then, NOWHERE):
         leg = shortest_path(costmap, end, goal)
         if leg is not None and (own == wish or _is_leg(leg, view)):
             yield _cut(leg, view)
