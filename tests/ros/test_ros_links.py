@@ -22,8 +22,8 @@ from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import LaserScanReceived, MapReceived, TransformReceived
 from hippomat_core.wire.jetbot_base import encode_velocity
 from hippomat_host.child_link import ChildLink
+from hippomat_host.clock import now
 from hippomat_host.happenings import EVENT, LOST, NOTE, OPENED
-from hippomat_host.links import now
 from hippomat_host.ros.intake import Intake
 from hippomat_host.ros.links import FeedLink, RosBaseLink
 from hippomat_logs.ros.client import Rosbridge
