@@ -27,11 +27,17 @@ lint: $(VENV)/.dev
 
 check: lint test
 
+# A missed target ends with an error, after everything was run.
 bench: $(VENV)/.dev
-	$(BIN)/python -m benchmarks
-	$(BIN)/hippomat-bench plan "$(HIPPOMAT_DATA)"/movingai/*.scen --matrix
-	$(BIN)/hippomat-bench slam $(LIDAR)/intel_raw_odometry.log.gz --relations $(LIDAR)/intel.relations \
-	  --between $(LIDAR)/intel.gfs.log.gz --time-offset 976052857.337284
+	@code=0; run() { echo "$$@"; "$$@" || code=$$?; }; \
+	run $(BIN)/python -m benchmarks; \
+	run $(BIN)/hippomat-bench plan "$(HIPPOMAT_DATA)"/movingai/*.scen --matrix; \
+	for map in random:0.2 random:0.3 warehouse corridors; do run $(BIN)/hippomat-bench motion --map $$map; done; \
+	run $(BIN)/hippomat-bench motion --map random:0.2 --loss 0.3 --seeds 1; \
+	run $(BIN)/hippomat-bench slam $(LIDAR)/intel_raw_odometry.log.gz --relations $(LIDAR)/intel.relations \
+	  --between $(LIDAR)/intel.gfs.log.gz --time-offset 976052857.337284; \
+	run $(BIN)/hippomat-bench logs; \
+	exit $$code
 
 # docs/results.md, its CSV and its pictures: trains what is missing in build/runs (the paper's networks for one fleet
 # size each; STEPS=N agent steps instead of the usual), then measures everything: an hour or two on two cores.
