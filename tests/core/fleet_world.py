@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from radio_samples import radio_status
 
-from hippomat_core.config import Config, FleetConfig, RobotConfig, SlamConfig
+from hippomat_core.config import Config, FleetConfig, RecoveryConfig, RobotConfig, SlamConfig
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import (
     BASE,
@@ -95,8 +95,10 @@ class FleetWorld:
         seed: int = 1,
         fleet: FleetConfig | None = None,
         policy: bytes | None = None,
+        recovery: RecoveryConfig | None = None,
     ):
         self.policy = policy
+        self.recovery = recovery or RecoveryConfig()
         self.grid = room()
         self.random = np.random.default_rng(seed)
         self.loss = loss
@@ -107,7 +109,8 @@ class FleetWorld:
     def _body(self, robot: int, fleet: FleetConfig) -> Body:
         start = (0.6 + 0.7 * robot, 0.6, math.pi / 2)
         robot_config = RobotConfig(robot, *start, start_known=True)
-        config = Config(fleet=fleet, robot=robot_config, slam=SlamConfig(mode="odometry"))
+        slam = SlamConfig(mode="odometry")
+        config = Config(fleet=fleet, robot=robot_config, slam=slam, recovery=self.recovery)
         body = Body(initial_state(config, self.policy), *start, start=start)
         for event in (
             Started(self.now_ns),

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_step import codes, of_kind
 
-from hippomat_core.config import FleetConfig
+from hippomat_core.config import FleetConfig, RecoveryConfig
 from hippomat_core.fleet.claims import Basis, OwnClaim
 from hippomat_core.fleet.progress import USUAL_S, held_up_s, observed
 from hippomat_core.fleet.votes import ClaimId
@@ -38,9 +38,14 @@ class HeldUpWorld(FleetWorld):
         super()._advance(robot)
 
 
+PATIENT = RecoveryConfig(stuck_s=600.0, waiting_s=3600.0, distant_s=3600.0)  # nobody gives a task back
+
+
 def world(allocator: str, seed: int) -> HeldUpWorld:
     fleet = FleetConfig(task_slots=2, turnover="on_completion", allocator=allocator, seed=seed)
-    return HeldUpWorld(2, fleet=fleet, policy=packaged_policy() if allocator == "graphsage" else None)
+    return HeldUpWorld(
+        2, fleet=fleet, policy=packaged_policy() if allocator == "graphsage" else None, recovery=PATIENT
+    )
 
 
 def waits(body: Body) -> bool:
