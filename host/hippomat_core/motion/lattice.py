@@ -88,7 +88,9 @@ def _near(costmap: Costmap, centre: NDArray[np.int32], part: NDArray[np.int32]) 
     )
     node_at = np.full(len(plane.steps_out), NOWHERE, np.int32)
     node_at[sources] = part
-    near = np.where(source >= 0, node_at[source], NOWHERE).astype(np.int32)
+    near = np.full(len(plane.steps_out), NOWHERE, np.int32)
+    reached = source >= 0
+    near[reached] = node_at[source[reached]]
     height, width = costmap.free.shape
     return np.ascontiguousarray(near.reshape(height + 2, width + 2)[1:-1, 1:-1])
 
