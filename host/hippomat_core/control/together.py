@@ -37,6 +37,7 @@ from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
 LEG_M = 0.85  # no commitment grows by more at once: a whole one, all of it diagonal, on a map of 0.05 m
 FAR_M = 2.5  # two whole commitments, what robots keep out of each other, and a second to hear of it
+FIRST_ROUNDS = 200  # that one robot is first in line
 FORGET_S = 10.0  # a peer silent for so long stands where it was last heard to go, or is far away
 
 
@@ -192,7 +193,10 @@ def _wish(
         if cell is not None and _node(lattice, cell) >= 0:
             goal_node[place] = _node(lattice, cell)
     graph = _without(lattice, _closed(view, together, [ends[k] for k in known], node, goal_node))
-    plan = make_planner(view.config.planning.planner).plan(_scene(graph, node, goal_node), None)
+    # Everyone is first for a while: nobody who is always pushed aside waits for ever.
+    first, size = together.round // FIRST_ROUNDS, view.config.fleet.size
+    line = np.array([(robots[k] - first) % size for k in known], np.int64)
+    plan = make_planner(view.config.planning.planner).plan(_scene(graph, node, goal_node, line), None)
     mine = plan.target[known.index(0)]
     return int(mine[0]), int(mine[min(1, len(mine) - 1)])
 
@@ -201,14 +205,17 @@ def _node(lattice: Lattice, cell: tuple[int, int]) -> int:
     return int(lattice.near[cell[1], cell[0]])
 
 
-def _scene(graph: MotionGraph, node: NDArray[np.int32], goal: NDArray[np.int32]) -> Scene:
+def _scene(
+    graph: MotionGraph, node: NDArray[np.int32], goal: NDArray[np.int32], line: NDArray[np.int64]
+) -> Scene:
+    """Robots that are all where they have committed themselves to go. line: (N,) who goes first."""
     count = len(node)
     fields = np.array([moves_to(graph, int(one)) for one in goal])
     reachable = fields[np.arange(count), node] < UNREACHED
     goal = np.where(reachable, goal, node).astype(np.int32)
     still, rows = np.zeros(count, np.int32), np.arange(count, dtype=np.int32)
-    ticks, since = np.ones(count, np.int32), np.zeros(count, np.int64)
-    return Scene(0, graph, node, still, node.copy(), ticks, goal, rows, since, fields)
+    ticks = np.ones(count, np.int32)
+    return Scene(0, graph, node, still, node.copy(), ticks, goal, rows, line, fields)
 
 
 def _closed(
@@ -218,12 +225,16 @@ def _closed(
     node: NDArray[np.int32],
     goal: NDArray[np.int32],
 ) -> NDArray[np.bool_]:
-    """(K,) nodes that nobody can pass: too near to where a robot ends beside its node, or to an obstacle."""
+    """(K,) nodes that nobody can pass: too near to where a robot rests beside its node, or to an obstacle.
+
+    Robots that want to get on will make room; theirs are left open.
+    """
     lattice, resolution_m = together.lattice, view.resolution_m
     out_cells = keep_out_m(view.config) / resolution_m
     closed = np.zeros(len(lattice.centre), np.bool_)
-    for x, y in ends:
-        closed |= np.hypot(lattice.centre[:, 0] - x, lattice.centre[:, 1] - y) < out_cells
+    for (x, y), rests in zip(ends, (node == goal).tolist(), strict=True):
+        if rests:
+            closed |= np.hypot(lattice.centre[:, 0] - x, lattice.centre[:, 1] - y) < out_cells
     centres = view.costmap.centres(lattice.centre)
     closed[node] = closed[goal] = False
     for x_m, y_m in view.marks:
