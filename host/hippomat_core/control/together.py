@@ -37,7 +37,7 @@ from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
 LEG_M = 0.85  # no commitment grows by more at once: a whole one, all of it diagonal, on a map of 0.05 m
 FAR_M = 2.5  # two whole commitments, what robots keep out of each other, and a second to hear of it
-FIRST_ROUNDS = 200  # that one robot is first in line
+CLAIM_ROUNDS = 1 << 16  # a claim's round is told in 16 bits
 FORGET_S = 10.0  # a peer silent for so long stands where it was last heard to go, or is far away
 
 
@@ -47,6 +47,7 @@ class Together:
 
     lattice: Lattice
     round: int  # the last that ended
+    claim_round: int  # of our claim: whoever has had its own longest goes first
     may_start: bool  # motion/commitment.py: all that we hear have heard us, or we are alone
 
     def turn(self, robot: int, near: Iterable[int], size: int) -> bool:
@@ -179,11 +180,12 @@ def _wish(
 ) -> tuple[int, int]:
     """The nodes that the plan for all sends us to next and then; our own to stay."""
     lattice, costmap = together.lattice, view.costmap
-    ends, goals, robots = [end], [goal], [view.config.robot.id]
+    ends, goals, robots, claimed = [end], [goal], [view.config.robot.id], [together.claim_round]
     for peer in view.peers:
         ends.append((int(peer.intent[-1, 0]), int(peer.intent[-1, 1])))
         goals.append(None if peer.destination is None else nearest_free(costmap, *peer.destination))
         robots.append(peer.robot)
+        claimed.append(peer.claim_round)
     known = [k for k, cell in enumerate(ends) if costmap.is_free(cell) and _node(lattice, cell) >= 0]
     known.sort(key=lambda k: robots[k])
     node = np.array([_node(lattice, ends[k]) for k in known], np.int32)
@@ -193,9 +195,7 @@ def _wish(
         if cell is not None and _node(lattice, cell) >= 0:
             goal_node[place] = _node(lattice, cell)
     graph = _without(lattice, _closed(view, together, [ends[k] for k in known], node, goal_node))
-    # Everyone is first for a while: nobody who is always pushed aside waits for ever.
-    first, size = together.round // FIRST_ROUNDS, view.config.fleet.size
-    line = np.array([(robots[k] - first) % size for k in known], np.int64)
+    line = np.array([(claimed[k] - together.round) % CLAIM_ROUNDS - CLAIM_ROUNDS for k in known], np.int64)
     plan = make_planner(view.config.planning.planner).plan(_scene(graph, node, goal_node, line), None)
     mine = plan.target[known.index(0)]
     return int(mine[0]), int(mine[min(1, len(mine) - 1)])
@@ -208,7 +208,7 @@ def _node(lattice: Lattice, cell: tuple[int, int]) -> int:
 def _scene(
     graph: MotionGraph, node: NDArray[np.int32], goal: NDArray[np.int32], line: NDArray[np.int64]
 ) -> Scene:
-    """Robots that are all where they have committed themselves to go. line: (N,) who goes first."""
+    """Robots that are all where they have committed themselves to go. line: (N,) the smallest goes first."""
     count = len(node)
     fields = np.array([moves_to(graph, int(one)) for one in goal])
     reachable = fields[np.arange(count), node] < UNREACHED
