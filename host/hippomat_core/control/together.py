@@ -7,9 +7,9 @@ made longer at its end, or dropped behind the robot, and no two ever come within
 
 - Robots decide in turn, in odd rounds: of those that are near each other, the one whose id comes next,
   counted from (r // 2) mod N. A decision is in the STATE that is sent two rounds on, so that whoever decides
-  next can have heard it. Robots farther apart than FAR_M cannot meet, whatever both commit: no turns then.
-- A peer that was not heard since it can have had a turn may have committed as many more legs, of up to LEG_M:
-  all within reach counts as taken (the rule of motion/commitment.py, in metres and without times).
+  next can have heard it. Robots too far apart to meet, whatever both of them commit, need no turns.
+- A peer that was not heard since it can have had a turn may have committed all that a STATE can tell of, in
+  any direction: that counts as taken (the rule of motion/commitment.py, in metres and without times).
 - No times are promised: what a robot has committed stays taken until it is heard to have left. Late robots
   delay others and endanger nobody.
 
@@ -35,8 +35,7 @@ from hippomat_core.planning.costmap import nearest_free
 from hippomat_core.planning.reservations import PeerMotion, Positions, committed, free_stretch, keep_out_m
 from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
-LEG_M = 0.85  # no commitment grows by more at once: a whole one, all of it diagonal, on a map of 0.05 m
-FAR_M = 2.5  # two whole commitments, what robots keep out of each other, and a second to hear of it
+NEWS_S = 1.0  # at most until a decision of a robot that is still far is heard
 CLAIM_ROUNDS = 1 << 16  # a claim's round is told in 16 bits
 FORGET_S = 10.0  # a peer silent for so long stands where it was last heard to go, or is far away
 
@@ -115,11 +114,12 @@ def _granted(view: View, together: Together, leg: Path) -> bool:
 def _near(view: View) -> set[int]:
     """Peers that may come near what we commit: by where they were heard, and how far they can have driven."""
     speed_mps, motion = view.config.limits.speed_mps, view.motion
+    far_m = 2.0 * (_longest_m(view) + speed_mps * NEWS_S) + keep_out_m(view.config)
     return {
         peer.robot
         for peer in view.peers
         if math.hypot(peer.x_m - motion.x_m, peer.y_m - motion.y_m)
-        <= FAR_M + speed_mps * min(peer.age_s, FORGET_S)
+        <= far_m + speed_mps * min(peer.age_s, FORGET_S)
     }
 
 
@@ -128,8 +128,8 @@ def _untold_m(peer: PeerMotion, view: View, together: Together) -> float:
     if peer.age_s > FORGET_S:
         return 0.0
     size, robot = view.config.fleet.size, view.config.robot.id
-    turns = together.missed_turns(peer.robot, robot, size, peer.told_round)
-    return min(LEG_M * (turns if peer.promises else max(turns, 1)), _longest_m(view))
+    missed = together.missed_turns(peer.robot, robot, size, peer.told_round)
+    return _longest_m(view) if missed or not peer.promises else 0.0
 
 
 def _longest_m(view: View) -> float:
@@ -146,8 +146,8 @@ def _legs(nav: Navigator, view: View, together: Together, path: Path) -> Iterato
     wish, then = (own, own) if own == NOWHERE else _wish(view, together, end, goal)
     if goal is not None and int(lattice.near[goal[1], goal[0]]) in (own, wish, then, NOWHERE):
         leg = shortest_path(costmap, end, goal)
-        if leg is not None and (own == wish or _is_leg(leg, view)):
-            yield _cut(leg, view)
+        if leg is not None and (own == wish or _is_leg(leg)):
+            yield leg[: MAX_INTENT_STEPS + 1]
     if own == NOWHERE:
         return
     # From beside the nodes as far as one leg goes. Whoever wants nothing stands on a node, out of the way.
@@ -157,22 +157,16 @@ def _legs(nav: Navigator, view: View, together: Together, path: Path) -> Iterato
         nodes = (own,)
     for node in nodes:
         leg = shortest_path(costmap, end, _cell(lattice, node))
-        if leg is not None and (not beside or _is_leg(leg, view)):
+        if leg is not None and (not beside or _is_leg(leg)):
             yield leg
 
 
-def _is_leg(path: Path, view: View) -> bool:
-    return path_length_m(path, view.resolution_m) <= LEG_M
+def _is_leg(path: Path) -> bool:
+    return len(path) <= MAX_INTENT_STEPS + 1
 
 
 def _cell(lattice: Lattice, node: int) -> tuple[int, int]:
     return int(lattice.centre[node, 0]), int(lattice.centre[node, 1])
-
-
-def _cut(path: Path, view: View) -> Path:
-    """No longer than a leg may be."""
-    longest = int(LEG_M / (math.sqrt(2.0) * view.resolution_m))
-    return path[: longest + 1]
 
 
 def _wish(
