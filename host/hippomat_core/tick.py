@@ -113,7 +113,10 @@ def _together(state: State, now_ns: int) -> Together | None:
         if peer is not None and now_ns - peer.stamp_ns <= fresh_ns
     ]
     alone_s = (now_ns - state.started_ns) / 1e9
-    return Together(state.ground.lattice, state.fleet.clock.round, may_start(heard_by, alone_s, ALONE_S))
+    claim = state.fleet.own_claim
+    claim_round = 0 if claim is None else claim.on_air(0.0).round
+    known = may_start(heard_by, alone_s, ALONE_S)
+    return Together(state.ground.lattice, state.fleet.clock.round, claim_round, known)
 
 
 def peers_in_the_way(state: State, now_ns: int) -> list[PeerMotion]:

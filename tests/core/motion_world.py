@@ -61,6 +61,7 @@ class Body:
     longest_still: int = 0
     ideal_s: float = 0.0
     done: int = 0
+    claim_round: int = 0
     driven: float = 0.0
 
     def believed(self) -> tuple[float, float, float]:
@@ -150,7 +151,7 @@ class World:
     def _decide(self, k: int, now_s: float) -> tuple[float, float]:
         robot = self.robots[k]
         if robot.goal is None and k not in self.idle:
-            robot.goal = self._free_site()
+            robot.goal, robot.claim_round = self._free_site(), self.tick // ROUND_TICKS
             cell = self.grid.cell_of(*robot.goal)
             robot.to_goal = distance_field(self.costmap, cell)
             robot.ideal_s += distance_at(self.costmap, robot.to_goal, robot.x, robot.y) / 0.2 + 1.0
@@ -167,7 +168,9 @@ class World:
             robot.to_goal,
             robot.config,
             robot.held,
-            None if self.lattice is None else Together(self.lattice, self.tick // ROUND_TICKS, True),
+            None
+            if self.lattice is None
+            else Together(self.lattice, self.tick // ROUND_TICKS, robot.claim_round, True),
         )
         robot.intent, robot.out = out.intent, out
         if self.tick % ROUND_TICKS == k % ROUND_TICKS:
@@ -193,7 +196,7 @@ class World:
         speed = min(round(abs(robot.v) * 50), 255) / 50
         x, y = round(motion.x_m, 2), round(motion.y_m, 2)
         told = self.tick // ROUND_TICKS - 1
-        peer = PeerMotion(k, x, y, speed, 0.0, robot.intent[:13].copy(), robot.goal, told)
+        peer = PeerMotion(k, x, y, speed, 0.0, robot.intent[:13].copy(), robot.goal, told, robot.claim_round)
         for other in range(len(self.robots)):
             if other != k and self.rng.random() >= self.radio.loss:
                 delay = self.rng.uniform(*self.radio.delay_s)

@@ -108,14 +108,14 @@ def test_no_turn_of_a_peer_is_missed_whoever_else_is_near_it(
 ) -> None:
     if peer == robot:
         return
-    now = Together(None, told + passed, True)  # type: ignore[arg-type]
+    now = Together(None, told + passed, 0, True)  # type: ignore[arg-type]
     near = (others | {robot}) - {peer}
     real = sum(Together._turn_of(number, peer, near, 6) for number in range(told + 1, told + passed))
     assert now.missed_turns(peer, robot, 6, told) >= real
 
 
 def test_before_the_first_round_nobody_decides() -> None:
-    assert not Together(None, -1, True).turn(0, set(), 5)  # type: ignore[arg-type]
+    assert not Together(None, -1, 0, True).turn(0, set(), 5)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("grid", [ROOM, drawn(CORRIDOR, 10)], ids=["room", "corridor"])

@@ -7,9 +7,9 @@ made longer at its end, or dropped behind the robot, and no two ever come within
 
 - Robots decide in turn, in odd rounds: of those that are near each other, the one whose id comes next,
   counted from (r // 2) mod N. A decision is in the STATE that is sent two rounds on, so that whoever decides
-  next can have heard it. Robots farther apart than FAR_M cannot meet, whatever both commit: no turns then.
-- A peer that was not heard since it can have had a turn may have committed as many more legs, of up to LEG_M:
-  all within reach counts as taken (the rule of motion/commitment.py, in metres and without times).
+  next can have heard it. Robots too far apart to meet, whatever both of them commit, need no turns.
+- A peer that was not heard since it can have had a turn may have committed all that a STATE can tell of, in
+  any direction: that counts as taken (the rule of motion/commitment.py, in metres and without times).
 - No times are promised: what a robot has committed stays taken until it is heard to have left. Late robots
   delay others and endanger nobody.
 
@@ -35,8 +35,8 @@ from hippomat_core.planning.costmap import nearest_free
 from hippomat_core.planning.reservations import PeerMotion, Positions, committed, free_stretch, keep_out_m
 from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
-LEG_M = 0.85  # no commitment grows by more at once: a whole one, all of it diagonal, on a map of 0.05 m
-FAR_M = 2.5  # two whole commitments, what robots keep out of each other, and a second to hear of it
+NEWS_S = 1.0  # at most until a decision of a robot that is still far is heard
+CLAIM_ROUNDS = 1 << 16  # a claim's round is told in 16 bits
 FORGET_S = 10.0  # a peer silent for so long stands where it was last heard to go, or is far away
 
 
@@ -46,6 +46,7 @@ class Together:
 
     lattice: Lattice
     round: int  # the last that ended
+    claim_round: int  # of our claim: whoever has had its own longest goes first
     may_start: bool  # motion/commitment.py: all that we hear have heard us, or we are alone
 
     def turn(self, robot: int, near: Iterable[int], size: int) -> bool:
@@ -113,11 +114,12 @@ def _granted(view: View, together: Together, leg: Path) -> bool:
 def _near(view: View) -> set[int]:
     """Peers that may come near what we commit: by where they were heard, and how far they can have driven."""
     speed_mps, motion = view.config.limits.speed_mps, view.motion
+    far_m = 2.0 * (_longest_m(view) + speed_mps * NEWS_S) + keep_out_m(view.config)
     return {
         peer.robot
         for peer in view.peers
         if math.hypot(peer.x_m - motion.x_m, peer.y_m - motion.y_m)
-        <= FAR_M + speed_mps * min(peer.age_s, FORGET_S)
+        <= far_m + speed_mps * min(peer.age_s, FORGET_S)
     }
 
 
@@ -126,8 +128,8 @@ def _untold_m(peer: PeerMotion, view: View, together: Together) -> float:
     if peer.age_s > FORGET_S:
         return 0.0
     size, robot = view.config.fleet.size, view.config.robot.id
-    turns = together.missed_turns(peer.robot, robot, size, peer.told_round)
-    return min(LEG_M * (turns if peer.promises else max(turns, 1)), _longest_m(view))
+    missed = together.missed_turns(peer.robot, robot, size, peer.told_round)
+    return _longest_m(view) if missed or not peer.promises else 0.0
 
 
 def _longest_m(view: View) -> float:
@@ -144,8 +146,8 @@ def _legs(nav: Navigator, view: View, together: Together, path: Path) -> Iterato
     wish, then = (own, own) if own == NOWHERE else _wish(view, together, end, goal)
     if goal is not None and int(lattice.near[goal[1], goal[0]]) in (own, wish, then, NOWHERE):
         leg = shortest_path(costmap, end, goal)
-        if leg is not None and (own == wish or _is_leg(leg, view)):
-            yield _cut(leg, view)
+        if leg is not None and (own == wish or _is_leg(leg)):
+            yield leg[: MAX_INTENT_STEPS + 1]
     if own == NOWHERE:
         return
     # From beside the nodes as far as one leg goes. Whoever wants nothing stands on a node, out of the way.
@@ -155,22 +157,16 @@ def _legs(nav: Navigator, view: View, together: Together, path: Path) -> Iterato
         nodes = (own,)
     for node in nodes:
         leg = shortest_path(costmap, end, _cell(lattice, node))
-        if leg is not None and (not beside or _is_leg(leg, view)):
+        if leg is not None and (not beside or _is_leg(leg)):
             yield leg
 
 
-def _is_leg(path: Path, view: View) -> bool:
-    return path_length_m(path, view.resolution_m) <= LEG_M
+def _is_leg(path: Path) -> bool:
+    return len(path) <= MAX_INTENT_STEPS + 1
 
 
 def _cell(lattice: Lattice, node: int) -> tuple[int, int]:
     return int(lattice.centre[node, 0]), int(lattice.centre[node, 1])
-
-
-def _cut(path: Path, view: View) -> Path:
-    """No longer than a leg may be."""
-    longest = int(LEG_M / (math.sqrt(2.0) * view.resolution_m))
-    return path[: longest + 1]
 
 
 def _wish(
@@ -178,11 +174,12 @@ def _wish(
 ) -> tuple[int, int]:
     """The nodes that the plan for all sends us to next and then; our own to stay."""
     lattice, costmap = together.lattice, view.costmap
-    ends, goals, robots = [end], [goal], [view.config.robot.id]
+    ends, goals, robots, claimed = [end], [goal], [view.config.robot.id], [together.claim_round]
     for peer in view.peers:
         ends.append((int(peer.intent[-1, 0]), int(peer.intent[-1, 1])))
         goals.append(None if peer.destination is None else nearest_free(costmap, *peer.destination))
         robots.append(peer.robot)
+        claimed.append(peer.claim_round)
     known = [k for k, cell in enumerate(ends) if costmap.is_free(cell) and _node(lattice, cell) >= 0]
     known.sort(key=lambda k: robots[k])
     node = np.array([_node(lattice, ends[k]) for k in known], np.int32)
@@ -192,7 +189,8 @@ def _wish(
         if cell is not None and _node(lattice, cell) >= 0:
             goal_node[place] = _node(lattice, cell)
     graph = _without(lattice, _closed(view, together, [ends[k] for k in known], node, goal_node))
-    plan = make_planner(view.config.planning.planner).plan(_scene(graph, node, goal_node), None)
+    line = np.array([(claimed[k] - together.round) % CLAIM_ROUNDS - CLAIM_ROUNDS for k in known], np.int64)
+    plan = make_planner(view.config.planning.planner).plan(_scene(graph, node, goal_node, line), None)
     mine = plan.target[known.index(0)]
     return int(mine[0]), int(mine[min(1, len(mine) - 1)])
 
@@ -201,14 +199,17 @@ def _node(lattice: Lattice, cell: tuple[int, int]) -> int:
     return int(lattice.near[cell[1], cell[0]])
 
 
-def _scene(graph: MotionGraph, node: NDArray[np.int32], goal: NDArray[np.int32]) -> Scene:
+def _scene(
+    graph: MotionGraph, node: NDArray[np.int32], goal: NDArray[np.int32], line: NDArray[np.int64]
+) -> Scene:
+    """Robots that are all where they have committed themselves to go. line: (N,) the smallest goes first."""
     count = len(node)
     fields = np.array([moves_to(graph, int(one)) for one in goal])
     reachable = fields[np.arange(count), node] < UNREACHED
     goal = np.where(reachable, goal, node).astype(np.int32)
     still, rows = np.zeros(count, np.int32), np.arange(count, dtype=np.int32)
-    ticks, since = np.ones(count, np.int32), np.zeros(count, np.int64)
-    return Scene(0, graph, node, still, node.copy(), ticks, goal, rows, since, fields)
+    ticks = np.ones(count, np.int32)
+    return Scene(0, graph, node, still, node.copy(), ticks, goal, rows, line, fields)
 
 
 def _closed(
@@ -218,12 +219,16 @@ def _closed(
     node: NDArray[np.int32],
     goal: NDArray[np.int32],
 ) -> NDArray[np.bool_]:
-    """(K,) nodes that nobody can pass: too near to where a robot ends beside its node, or to an obstacle."""
+    """(K,) nodes that nobody can pass: too near to where a robot rests beside its node, or to an obstacle.
+
+    Robots that want to get on will make room; theirs are left open.
+    """
     lattice, resolution_m = together.lattice, view.resolution_m
     out_cells = keep_out_m(view.config) / resolution_m
     closed = np.zeros(len(lattice.centre), np.bool_)
-    for x, y in ends:
-        closed |= np.hypot(lattice.centre[:, 0] - x, lattice.centre[:, 1] - y) < out_cells
+    for (x, y), rests in zip(ends, (node == goal).tolist(), strict=True):
+        if rests:
+            closed |= np.hypot(lattice.centre[:, 0] - x, lattice.centre[:, 1] - y) < out_cells
     centres = view.costmap.centres(lattice.centre)
     closed[node] = closed[goal] = False
     for x_m, y_m in view.marks:

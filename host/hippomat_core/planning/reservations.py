@@ -41,6 +41,7 @@ class PeerMotion:
     intent: Cells  # the cells it means to drive next, first the one it is in
     destination: tuple[float, float] | None  # of its claim
     told_round: int = -1  # what it decided in rounds up to this one, the frame tells
+    claim_round: int = 0  # in which it claimed what it drives to, in 16 bits
     promises: bool = True  # it is of our fleet: its intent is all that it has committed itself to
 
 
@@ -61,6 +62,7 @@ def peer_motion(
         intent=decode_intent(frame.intent_ix, frame.intent_iy, frame.intent_steps),
         destination=None if claim.slot == NO_SLOT else (claim.x_cm / 100.0, claim.y_cm / 100.0),
         told_round=sent_round - 2,
+        claim_round=claim.round,
         promises=promises,
     )
 
