@@ -13,6 +13,7 @@ from hippomat_core.control.follower import Drive, Motion, limited
 from hippomat_core.control.nav_state import Navigator, NavOutcome
 from hippomat_core.control.navigator import forget_path
 from hippomat_core.control.recovery import (
+    BACK_UP,
     BLOCKED,
     CLEAR,
     DRIVE,
@@ -77,8 +78,11 @@ def unstuck(
     state = _told(replace(state, recovery=recovery), state.recovery, motion, effects)
     if not order.step:
         return state, navigator, outcome
-    if order.began and order.step == CLEAR:
-        navigator = replace(forget_path(navigator), marks=())
+    together = state.ground is not None and state.ground.lattice is not None
+    if order.began and order.step == CLEAR:  # together, what is committed stays so
+        navigator = replace(navigator if together else forget_path(navigator), marks=())
+    if together and order.step == BACK_UP:  # the cells behind may have been granted to others
+        order = replace(order, v_mps=0.0, wz_radps=0.0)
     if order.began and order.step == GIVE_UP:
         state = replace(state, gives_up=True)
     drive = _commanded(order, before, (now_ns - state.navigator.stamp_ns) / 1e9, state)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hippomat_core.fields import I64, U8, U32, U64
-from hippomat_core.messages import LIDAR, LaserScanReceived, MapDrawn, MapReceived, ScanReceived
+from hippomat_core.messages import LIDAR, LaserScanReceived, MapDrawn, ScanReceived
 
 FROM_DEVICE, TO_DEVICE = 0, 1
 IDENTIFICATION, RUNNING = 0, 1
@@ -44,7 +44,7 @@ class DropRecord:
     cause: str
 
 
-_BULK = (ScanReceived, LaserScanReceived, MapReceived, MapDrawn)
+_BULK = (ScanReceived, LaserScanReceived, MapDrawn)
 
 
 def is_bulk(record: object) -> bool:
