@@ -20,6 +20,7 @@ class Given:
     start: str = ""  # x,y,yaw
     fleet: str = ""  # a fleet.toml, which may say map and start
     ros: RosConfig = field(default_factory=RosConfig)
+    maps: bool = False  # it makes a map: it has none, and no place in one
 
     @property
     def missing(self) -> list[str]:
@@ -27,9 +28,9 @@ class Given:
         wants = {
             "the base (--base)": self.base or self.ros.drives,
             "the lidar (--lidar)": self.lidar or self.ros.scans,
-            "the fleet's map (--map)": self.map or self.ros.maps,
+            "the fleet's map (--map)": self.map or self.ros.maps or self.maps,
             "this robot's id (--robot)": "" if self.robot < 0 else "given",
-            "where it stands (--start)": self.start or self.fleet or self.ros.localizes,
+            "where it stands (--start)": self.start or self.fleet or self.ros.localizes or self.maps,
         }
         return [name for name, value in wants.items() if not value]
 
@@ -40,7 +41,7 @@ class Given:
     def next_command(self) -> str:
         """The whole command, with capitals where the user has to fill in."""
         robot = str(self.robot) if self.robot >= 0 else "N"
-        elsewhere = bool(self.fleet)  # a fleet.toml says map and start
+        elsewhere = bool(self.fleet) or self.maps  # a fleet.toml says map and start
         parts = [
             ("--port", self.radio, ""),
             ("--ros", self.ros.url, ""),
@@ -57,4 +58,4 @@ class Given:
             ),
         ]
         said = [f"{flag} {value or wanted}" for flag, value, wanted in parts if value or wanted]
-        return " ".join(["hippomat-host", *said])
+        return " ".join(["hippomat-host", *said, *(["--slam"] if self.maps else [])])

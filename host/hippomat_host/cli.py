@@ -37,9 +37,9 @@ def _run(arguments: list[str]) -> int:
 
 
 def _daemon(arguments: list[str]) -> int:
-    from hippomat_host.options import config_of, given_of, parser
+    from hippomat_host.options import config_of, given_of, parser, start_joined
 
-    args = parser().parse_args(arguments)
+    args = parser().parse_args(start_joined(arguments))
     config = config_of(args)
     given = given_of(args, config)
     from hippomat_logs.numba_cache import ensure_numba_cache

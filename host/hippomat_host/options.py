@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -163,6 +164,17 @@ def roster_of(args: argparse.Namespace) -> Roster | None:
     return parse_roster(_text("--fleet", args.fleet), args.fleet) if args.fleet else None
 
 
+def start_joined(arguments: Sequence[str]) -> list[str]:
+    """`--start -1,2,0` as one word: argparse takes a value that begins with a minus for an option."""
+    joined: list[str] = []
+    for word in arguments:
+        if joined and joined[-1] == "--start" and word[:1] == "-" and word[1:2] in "0123456789.":
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
+
+
 def _said(args: argparse.Namespace) -> Tree:
     """What the command line itself says."""
     tree: Tree = {"robot": {}, "fleet": {}, "log": {}, "ros": {}, "slam": {}}
@@ -219,6 +231,10 @@ def given_of(args: argparse.Namespace, config: Config) -> Given:
         paths[port] = value or (stable if os.path.exists(stable) and not with_ros else "")
     if not paths[RADIO]:
         raise UsageError(f"--port is missing: the radio's serial port; {existing_ports()}")
+    if config.slam.mode == "map" and not paths[LIDAR]:
+        raise UsageError(
+            "--slam makes a map of what a lidar sees: give --lidar DEV (and --base DEV, its wheels)"
+        )
     _check_distinct(paths)
     robot = config.robot
     start = f"{robot.start_x_m:g},{robot.start_y_m:g},{robot.start_yaw_rad:g}" if robot.start_known else ""
@@ -230,6 +246,7 @@ def given_of(args: argparse.Namespace, config: Config) -> Given:
         start=start,
         fleet=args.fleet or "",
         ros=config.ros,
+        maps=config.slam.mode == "map",
     )
 
 

@@ -52,7 +52,7 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
     policy = policy_of(config.fleet)
     grid = map_from(given.map) if given.map else None
     if grid is not None and config.robot.start_known:
-        _check_start(config.robot, grid)
+        _check_start(config.robot, grid, given.fleet)
     if config.log.enabled and lockstep is None:
         for line in recover_directory(config.log.directory):
             print(f"earlier log {line}", flush=True)
@@ -73,10 +73,11 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
         raise as_error(fault, config.log.directory, "the motors were stopped") from None
 
 
-def _check_start(robot: RobotConfig, grid: OccupancyGrid) -> None:
+def _check_start(robot: RobotConfig, grid: OccupancyGrid, fleet: str) -> None:
     """A robot that is not where it says plans through walls: the likeliest first mistake, so said at once."""
     ix, iy = grid.cell_of(robot.start_x_m, robot.start_y_m)
-    start = f"--start {robot.start_x_m:g},{robot.start_y_m:g}"
+    where = f"--start, or start of robot {robot.id} in {fleet}," if fleet else "--start"
+    start = f"{where} {robot.start_x_m:g},{robot.start_y_m:g}"
     if not grid.holds(ix, iy):
         east_m = grid.origin_x_m + grid.width * grid.resolution_m
         north_m = grid.origin_y_m + grid.height * grid.resolution_m

@@ -19,7 +19,8 @@ def load_map(path: str | Path) -> OccupancyGrid:
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
-        raise MapError(f"map {path}: cannot be read: {error.strerror or error}") from None
+        how = f"`hippomat-logs map LOG -o {path}` makes one"
+        raise MapError(f"map {path}: cannot be read: {error.strerror or error}; {how}") from None
     except UnicodeDecodeError:
         raise MapError(f"map {path}: is not text; give the map's .yaml file, not its image") from None
     meta = parse_map_yaml(text, str(path))

@@ -178,10 +178,8 @@ def _draw_points(plt: Any, run: OpenedRun, topic: str) -> tuple[Any, str]:
     )
     low, high = np.quantile(drawn[:, 2], [0.02, 0.98])
     flat = high - low < 1e-6
-    dots = axes.scatter(
-        drawn[:, 0], drawn[:, 1], s=0.6, c="black" if flat else drawn[:, 2], cmap="viridis", linewidths=0,
-        **({} if flat else {"vmin": low, "vmax": high}),
-    )  # fmt: skip
+    shade = {"c": "black"} if flat else {"c": drawn[:, 2], "cmap": "viridis", "vmin": low, "vmax": high}
+    dots = axes.scatter(drawn[:, 0], drawn[:, 1], s=0.6, linewidths=0, **shade)
     if not flat:
         figure.colorbar(dots, ax=axes, label="z [m]", shrink=0.8)
     margin = 0.05 * max(wide_m, high_m)

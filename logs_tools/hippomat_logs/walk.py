@@ -145,7 +145,10 @@ def walk_strictly(data: memoryview, name: str, contents: Contents) -> Iterator[R
         yield from record(opcode, body, at, contents)
         contents.complete_bytes = behind
     if not contents.manifest:
-        raise LogError(f"{name}: holds no {RUN_METADATA} metadata; was it recorded by hippomat?")
+        raise LogError(
+            f"{name}: holds no {RUN_METADATA} metadata; was it recorded by hippomat? (A merged file is for "
+            "viewers: here the robots' own logs are needed.)"
+        )
     if contents.messages != promised:
         raise LogError(f"{name}: {contents.messages} messages read, but its summary promises {promised}")
 

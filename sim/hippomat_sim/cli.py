@@ -87,7 +87,13 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
     add("--robots", type=int, default=5, metavar="N", help="fleet size (default 5)")
     add("--tasks", type=int, default=12, metavar="M", help="task slots (default 12)")
     add("--seconds", type=float, default=60.0, metavar="S", help="duration with all robots up (default 60)")
-    add("--loss", type=float, default=0.1, metavar="P", help="probability that a receiver misses a frame")
+    add(
+        "--loss",
+        type=float,
+        default=0.1,
+        metavar="P",
+        help="probability that a receiver misses a frame (default 0.1)",
+    )
     add("--seed", type=int, default=1, help="start poses, tasks, noise, radio losses (default 1)")
     add("--speed", type=float, metavar="M/S", help="speed limit of the robots (default: as configured, 0.2)")
     add("--config", type=Path, metavar="TOML", help="base for the hippomat.toml that all daemons get")

@@ -85,6 +85,10 @@ class FleetRun:
         self.grid = load_map(map_yaml)
         radius_m = self.config.robot.radius_m
         ground = ground_of(self.grid, 0, self.config)
+        for one in settings.carried:
+            if not ground.costmap.is_free(self.grid.cell_of(*one.pose[:2])):
+                place = f"{one.pose[0]:g},{one.pose[1]:g}"
+                raise ConfigError(f"--carry: {place} is no free place of the map: give metres in its frame")
         self.starts = start_poses(ground, settings.robots, radius_m, settings.seed)
         settings.out.mkdir(parents=True, exist_ok=True)
         self.toml = settings.out / "hippomat.toml"

@@ -60,6 +60,10 @@ def checked(settings: RunSettings) -> RunSettings:
     for one in settings.carried:
         if not 0 <= one.robot < settings.robots:
             raise ConfigError(f"--carry: robot {one.robot} is not one of 0 .. {settings.robots - 1}")
+        if one.at_s >= settings.seconds:
+            raise ConfigError(
+                f"--carry: {one.at_s:g} s is not before the end of the run at {settings.seconds:g} s"
+            )
     if settings.out.exists() and (not settings.out.is_dir() or any(settings.out.iterdir())):
         raise ConfigError(f"--out {settings.out} is not an empty directory; name a new one")
     return settings

@@ -11,6 +11,7 @@ from host_devices import Base, Lidar, Radio, Silent, plugged, wait_until
 from host_process import hippomat_host, robot_in, write_room
 
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_host.options import UsageError, config_of, given_of, parser, start_joined
 from hippomat_logs.map_files import save_map
 
 
@@ -164,3 +165,19 @@ def test_a_start_that_cannot_be_is_refused_at_once(tmp_path: Path, start: str, s
     save_map(OccupancyGrid(grid, 0.05, -3.0, -1.5), tmp_path / "room.yaml")
     where = ["--port", tmp_path / "none", "--map", tmp_path / "room.yaml", "--robot", 0, f"--start={start}"]
     assert said in refused(*where, "--no-log")
+
+
+def test_a_start_pose_with_a_negative_x_needs_no_equals_sign():
+    args = parser().parse_args(start_joined(["--port", "x", "--start", "-1,-2.5,0", "--robot", "1"]))
+    assert args.start == "-1,-2.5,0"
+    assert start_joined(["--start", "--map", "-5"]) == ["--start", "--map", "-5"]
+
+
+def test_making_a_map_without_a_lidar_is_refused_and_with_one_nothing_of_a_map_is_missing():
+    args = parser().parse_args(["--port", "x", "--slam", "--robot", "0"])
+    with pytest.raises(UsageError, match="give --lidar DEV"):
+        given_of(args, config_of(args))
+    args = parser().parse_args(["--port", "x", "--slam", "--robot", "0", "--lidar", "y"])
+    given = given_of(args, config_of(args))
+    assert given.missing == ["the base (--base)"]
+    assert given.next_command().endswith("--robot 0 --slam")

@@ -25,6 +25,8 @@ MAP = str(find_demo_map())
         (["run", "--map", MAP, "--loss", "1.5"], "--loss 1.5 is outside 0.0 .. 1.0"),
         (["run", "--map", MAP, "--seconds", "nan"], "--seconds nan is outside"),
         (["run", "--map", MAP, "--speed", "99"], "--speed 99.0 is outside"),
+        (["run", "--map", MAP, "--carry", "5:1:200,1.5,0"], "200,1.5 is no free place of the map"),
+        (["run", "--map", MAP, "--carry", "90:1:1,1,0"], "not before the end of the run at 60 s"),
         (["run", "--map", MAP, "--config", "nowhere.toml"], "nowhere.toml: cannot be read"),
         (["run", "--map", MAP, "--robots", "64"], "robots of radius 0.12 m, 64 were asked for"),
     ],

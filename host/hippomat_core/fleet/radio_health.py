@@ -152,6 +152,9 @@ def _of_ourselves(status: RadioStatus) -> Iterator[_Finding]:
         yield _Finding("radio_open", INFO, text)
 
 
+NAMES = {"slots": "size"}  # as the settings call it
+
+
 def _differing(status: RadioStatus, config: Config) -> str:
     fleet, robot = config.fleet, config.robot.id
     wanted = {"fleet": fleet.id, "channel": fleet.channel}
@@ -159,7 +162,9 @@ def _differing(status: RadioStatus, config: Config) -> str:
         wanted |= {"robot": robot, "round_ms": round(fleet.round_s * 1000), "slots": fleet.size}
     found = {name: getattr(status, name) for name in wanted}
     return ", ".join(
-        f"{name} {found[name]} instead of {wanted[name]}" for name in wanted if found[name] != wanted[name]
+        f"{NAMES.get(name, name)} {found[name]} instead of {wanted[name]}"
+        for name in wanted
+        if found[name] != wanted[name]
     )
 
 

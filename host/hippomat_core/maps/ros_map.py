@@ -45,11 +45,16 @@ def parse_map_yaml(text: str, name: str = "map.yaml") -> MapMeta:
     except YAMLError as error:
         raise MapError(f"map {name}: not valid YAML: {' '.join(str(error).split())}") from None
     if not isinstance(tree, dict):
-        raise MapError(f"map {name}: expected keys such as image and resolution, found {tree!r}")
+        raise MapError(f"map {name}: expected keys such as image and resolution, found {_short(tree)}")
     missing = [key for key in REQUIRED if key not in tree]
     if missing:
         raise MapError(f"map {name}: key {missing[0]!r} is missing; a map needs {', '.join(REQUIRED)}")
     return _meta(tree, name)
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 40 else f"{text[:40]}..."
 
 
 def _meta(tree: dict[str, Any], name: str) -> MapMeta:

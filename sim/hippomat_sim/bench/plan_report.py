@@ -17,6 +17,8 @@ from hippomat_sim.bench.radio_report import target_table, verdict
 from hippomat_sim.bench.radio_targets import Target
 
 LEAST_MEAN_RATIO, LEAST_RATIO, LEAST_MATRIX_RATIO = 70.0, 30.0, 5000.0
+JUDGED_FILES = 5  # those of the benchmark data: small maps have small ratios, large ones large
+JUDGED_FILES = 5  # those of the benchmark data: small maps have small ratios
 NOTES = (
     "ratio: median time of the peer / ours, both asked the same queries in turn; > 1: ours is faster. "
     "Ours answers all queries of a file, the peers an evenly spread sample. wrong: no path, or a length off "
@@ -75,11 +77,12 @@ def _file_targets(files: Sequence[FileResult]) -> list[Target]:
     if not files:
         return []
     ratios = _plain_ratios(files)
+    not_judged = "" if len(files) >= JUDGED_FILES else f"set for {JUDGED_FILES} files together"
     mean = math.exp(sum(map(math.log, ratios)) / len(ratios))
     return [
         Target("wrong lengths", sum(result.ours.wrong for result in files), 0, False, ""),
         Target("infeasible paths", sum(result.ours.infeasible for result in files), 0, False, ""),
-        Target("heapq A* / ours, geometric mean", mean, LEAST_MEAN_RATIO, True, "x"),
+        Target("heapq A* / ours, geometric mean", mean, LEAST_MEAN_RATIO, True, "x", not_judged),
         Target("heapq A* / ours, worst file", min(ratios), LEAST_RATIO, True, "x"),
     ]
 

@@ -69,7 +69,7 @@ def _check(options: argparse.Namespace) -> None:
             "--between only says where the robot was at the times in --relations FILE: give both"
         )
     if options.picture is not None:
-        check_plot(options.picture)
+        check_plot(options.picture, "--picture")
     if options.map is not None:
         if options.map.suffix not in (".yaml", ".yml"):
             raise ConfigError(f"--map {options.map}: the name must end in .yaml; the image goes beside it")
