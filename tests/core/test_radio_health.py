@@ -58,7 +58,7 @@ def test_a_healthy_radio_raises_nothing():
         ("peer_babbling:1", WARNING, {"babbling": 1 << 1}, ["robot 1", "restart"]),
         ("peer_rebooted:3", INFO, {"rebooted": 1 << 3}, ["robot 3", "restarted"]),
         ("radio_identity", ERROR, {"robot": 4}, ["robot 4 instead of 2"]),
-        ("radio_identity", ERROR, {"channel": 9, "slots": 7}, ["channel 9 instead of 1", "slots 7"]),
+        ("radio_identity", ERROR, {"channel": 9, "slots": 7}, ["channel 9 instead of 1", "size 7"]),
         ("time_not_agreed", WARNING, {"flags": 0, "alive": 0b1001}, ["robots 0, 3", "round_s"]),
     ],
 )
