@@ -143,7 +143,8 @@ def _carried(text: str) -> Carried:
 
 def _say_where(result: RunResult, settings: RunSettings, console: Console) -> None:
     """How well the robots knew where they were, and a picture of where that was."""
-    if not any(directory.is_dir() for directory in result.logs):
+    whole = not result.troubles and all(any(folder.rglob("*.mcap")) for folder in result.logs)
+    if not whole:  # logs of daemons that died are left as they are
         return
     from hippomat_sim.pose_errors import pose_errors, pose_table  # here, because NumPy and logs load slowly
     from hippomat_sim.run_picture import draw_run
