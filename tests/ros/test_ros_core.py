@@ -118,6 +118,15 @@ def test_what_gets_old_stops_the_robot_and_is_named(missing, code, said):
     assert AlarmCleared(code) in new
 
 
+@pytest.mark.parametrize("late_ms", [800.0, 1200.0, 2000.0, 5000.0])
+def test_a_scan_is_as_late_as_it_is_while_the_transforms_are_prompt(late_ms):
+    robot = running()
+    new = robot.lives(5000, 15_000, late_ms=late_ms)
+    assert {"radio_lost", "lidar_lost"} == robot.faults()
+    assert 14_900 * MS - robot.state.scan.stamp_ns == late_ms * MS
+    assert {effect.v_mps for effect in new if isinstance(effect, Drive)} == {0.0}
+
+
 def test_a_base_that_says_nothing_is_lost_although_ros_is_there():
     robot = running()
     new = robot.give(*(Tick(ms * MS) for ms in range(5000, 7000, 50)))

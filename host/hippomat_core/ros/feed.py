@@ -84,7 +84,7 @@ def with_transform(feed: RosFeed, event: TransformReceived, ros: RosConfig) -> R
     """After one transform, of whatever frames."""
     clock = feed.clock
     if not event.fixed and event.parent != ros.map_frame:  # AMCL's is stamped ahead
-        clock = clock.heard(event.stamp_ns, event.ros_ns)
+        clock = clock.heard(event.stamp_ns, event.ros_ns, f"{event.parent}>{event.child}")
     taken_ns = clock.taken_ns(event.stamp_ns, event.ros_ns)
     transforms = feed.transforms.with_transform(event, taken_ns)
     feed = replace(feed, clock=clock, transforms=transforms)
@@ -100,7 +100,7 @@ def with_transform(feed: RosFeed, event: TransformReceived, ros: RosConfig) -> R
 
 
 def with_odometry(feed: RosFeed, event: OdometryReceived) -> RosFeed:
-    clock = feed.clock.heard(event.stamp_ns, event.ros_ns)
+    clock = feed.clock.heard(event.stamp_ns, event.ros_ns, "odometry")
     if not (math.isfinite(event.v_mps) and math.isfinite(event.wz_radps)):
         return replace(feed, clock=clock)
     return replace(feed, clock=clock, told=(event.stamp_ns, event.v_mps, event.wz_radps))
@@ -114,7 +114,7 @@ def with_scan(
     None where the lidar's frame is not known in the base frame.
     """
     mount = feed.transforms.between(event.frame, base_frame)
-    clock = feed.clock.heard(event.stamp_ns, event.ros_ns)
+    clock = feed.clock.heard(event.stamp_ns, event.ros_ns, f"scan {event.frame}")
     feed = replace(feed, clock=clock, unplaced=0 if mount is not None else feed.unplaced + 1)
     points = None if mount is None else mount.flattened(scan_returns(event))
     return feed, points, feed.clock.taken_ns(event.stamp_ns, event.ros_ns)
