@@ -127,6 +127,36 @@ def test_a_scan_is_as_late_as_it_is_while_the_transforms_are_prompt(late_ms):
     assert {effect.v_mps for effect in new if isinstance(effect, Drive)} == {0.0}
 
 
+@pytest.mark.parametrize("ranges", [[math.nan] * 360, [-math.inf] * 360, []])
+def test_a_lidar_whose_rays_come_to_no_result_is_lost(ranges):
+    robot = running()
+    last = robot.state.scan
+    for ms in range(5000, 9000, 50):
+        robot.lives(ms, ms + 50, scans=False)
+        robot.give(scan(ms, ranges, low=-math.pi, step=math.pi / 180))
+    assert robot.state.scan is last
+    assert "lidar_lost" in robot.faults()
+
+
+@pytest.mark.parametrize("nothing", [math.inf, 99.0])
+def test_a_lidar_that_sees_nothing_far_and_wide_is_not_lost(nothing):
+    robot = running()
+    robot.give(scan(5000, [nothing] * 360, low=-math.pi, step=math.pi / 180))
+    assert (robot.state.scan.stamp_ns, len(robot.state.scan.points)) == (5000 * MS, 0)
+    assert robot.state.scan.whole
+
+
+@pytest.mark.parametrize(("seen_deg", "whole"), [(180, False), (270, False), (344, False), (346, True)])
+def test_a_scan_knows_whether_it_looked_all_round(seen_deg, whole):
+    robot = running()
+    low = math.radians(90 - seen_deg / 2)
+    robot.give(scan(5000, [2.0] * (seen_deg + 1), low=low, step=math.pi / 180))
+    assert robot.state.scan.whole == whole
+    blinded = [2.0] * seen_deg + [math.nan] * (361 - seen_deg)  # the same, said in another way
+    robot.give(scan(5100, blinded, low=low, step=math.pi / 180))
+    assert robot.state.scan.whole == whole
+
+
 def test_a_base_that_says_nothing_is_lost_although_ros_is_there():
     robot = running()
     new = robot.give(*(Tick(ms * MS) for ms in range(5000, 7000, 50)))

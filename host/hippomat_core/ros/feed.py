@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.config import RosConfig
+from hippomat_core.control.guard import HOLE_Q6
 from hippomat_core.messages import LaserScanReceived, OdometryReceived, TransformReceived
 from hippomat_core.ros.clock import RosClock
 from hippomat_core.ros.transforms import HERE, Edge, Pose2, Transforms, along, composed
@@ -127,6 +128,21 @@ def scan_returns(event: LaserScanReceived) -> NDArray[np.float64]:
         kept = np.isfinite(range_m) & (range_m >= event.range_min_m) & (range_m <= event.range_max_m)
     angle_rad = event.angle_min_rad + event.angle_increment_rad * np.flatnonzero(kept)
     return np.stack([range_m[kept] * np.cos(angle_rad), range_m[kept] * np.sin(angle_rad)], axis=1)
+
+
+def says_something(event: LaserScanReceived) -> bool:
+    """False where no ray came to a result, not even to that of seeing nothing: that shows no free space."""
+    return bool((event.ranges_m > -np.inf).any())
+
+
+def looks_all_round(event: LaserScanReceived) -> bool:
+    """True where the rays that came to a result leave no hole: of the serial lidars, is_whole."""
+    angle_rad = event.angle_min_rad + event.angle_increment_rad * np.flatnonzero(event.ranges_m > -np.inf)
+    if not len(angle_rad):
+        return False
+    angle_rad = np.sort(np.mod(angle_rad, math.tau))
+    hole_rad = np.diff(angle_rad, append=angle_rad[0] + math.tau).max()
+    return bool(hole_rad <= math.radians(HOLE_Q6 / 64))
 
 
 def _with_place(feed: RosFeed, way: tuple[Edge, ...]) -> RosFeed:
