@@ -71,6 +71,20 @@ def test_an_observer_drives_nothing_through_ros_either():
     assert kinds == {"SerialLink", "FeedLink"}
 
 
+@pytest.mark.parametrize(
+    ("off", "said"),
+    [((), "map = true and lidar = true"), (("map",), "lidar = true"), (("lidar",), "map = true")],
+)
+def test_making_a_map_with_ros_behind_map_or_lidar_is_refused(tmp_path: Path, off, said):
+    settings = tmp_path / "hippomat.toml"
+    settings.write_text("[ros]\n" + "".join(f"{role} = false\n" for role in off))
+    with pytest.raises(ConfigError, match=rf"mode = \"map\" .* \[ros\] {said}\b.*; .*--lidar DEV"):
+        understood("--slam", "--config", str(settings))
+    settings.write_text("[ros]\nmap = false\nlidar = false\n")
+    assert understood("--slam", "--config", str(settings))[0].slam.mode == "map"
+    assert understood("--slam", "--map", "lab.yaml")[0].slam.mode == "auto"
+
+
 def test_an_address_that_is_none_is_refused():
     with pytest.raises(ConfigError, match=r"is no rosbridge address: give ws://HOST:9090"):
         config_of(parser().parse_args(["--port", "/dev/x", "--ros", "robot:9090"]))
