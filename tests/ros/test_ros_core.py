@@ -10,6 +10,9 @@ import pytest
 from ros_samples import MS, scan, transform
 
 from hippomat_core.config import Config, FleetConfig, RobotConfig, RosConfig, config_from_dict
+from hippomat_core.control.follower import Motion
+from hippomat_core.control.nav_state import Navigator, NavOutcome
+from hippomat_core.control.recovery import BACK_UP, CLEAR, TURN, Recovery, Standstill
 from hippomat_core.errors import ConfigError
 from hippomat_core.maps.map_event import map_event
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
@@ -28,6 +31,7 @@ from hippomat_core.messages import (
     Tick,
 )
 from hippomat_core.step import initial_state, step
+from hippomat_core.unsticking import unstuck
 
 CONFIG = Config(
     fleet=FleetConfig(size=1, allocator="hungarian"),
@@ -155,6 +159,18 @@ def test_a_scan_knows_whether_it_looked_all_round(seen_deg, whole):
     blinded = [2.0] * seen_deg + [math.nan] * (361 - seen_deg)  # the same, said in another way
     robot.give(scan(5100, blinded, low=low, step=math.pi / 180))
     assert robot.state.scan.whole == whole
+
+
+@pytest.mark.parametrize(("seen_deg", "tries"), [(359, BACK_UP), (180, TURN)])
+def test_a_stuck_robot_backs_up_only_where_its_lidar_looks(seen_deg, tries):
+    robot, goal = running(), (3.0, 0.0)
+    robot.give(scan(5000, [2.0] * (seen_deg + 1), low=math.radians(-seen_deg / 2), step=math.pi / 180))
+    still = Standstill(anchor=(1.0, 0.0, 0.0), stalled_s=100.0)
+    stuck = Recovery(stamp_ns=5000 * MS, goal=goal, tried=CLEAR, still=still, stuck_at=(1.0, 0.0))
+    state, navigator = replace(robot.state, recovery=stuck), replace(Navigator(), destination=goal)
+    outcome = NavOutcome(0.0, 0.0, "hold", None, np.zeros((1, 2), np.int64), False, False, -1, 2.0)
+    state, _, _ = unstuck(state, 5050 * MS, Motion(1.0, 0.0, 0.0), (), navigator, outcome, [])
+    assert state.recovery.step == tries
 
 
 def test_a_base_that_says_nothing_is_lost_although_ros_is_there():
