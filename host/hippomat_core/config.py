@@ -282,6 +282,14 @@ def _check_together(config: Config, name: str) -> None:
             f"{name}: [ros] base = true needs pose = true: a base behind ROS tells where it is as /tf, "
             "or give --base DEV"
         )
+    of_ros = [role for role, has in (("map", config.ros.maps), ("lidar", config.ros.scans)) if has]
+    if config.slam.mode == "map" and of_ros:
+        roles = " and ".join(f"{role} = true" for role in of_ros)
+        raise ConfigError(
+            f'{name}: [slam] mode = "map" (--slam without --map) does not go with [ros] {roles}: '
+            "a map is made by a serial lidar; give --lidar DEV and set [ros] map = false, "
+            "or leave out --slam and use ROS's map"
+        )
     body_m = robot.radius_m + config.guard.margin_m
     if planning.inflation_radius < body_m:
         raise ConfigError(

@@ -43,6 +43,9 @@ class Scan:
     stamp_ns: int
     points: Points  # (n, 2) [m]
     pose: Pose
+    whole: bool = (
+        True  # False: part of the circle was not looked at, and shows no thing though one may be there
+    )
 
 
 @dataclass(frozen=True, slots=True)

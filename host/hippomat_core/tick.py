@@ -92,7 +92,8 @@ def _guarded(
         v_mps=state.velocity[0],
     )
     wanted_v, wanted_wz = outcome.v_mps, outcome.wz_radps
-    safe = guard(_seen(state), wanted_v, wanted_wz, _discs(state, peers), state.config, late)
+    whole = scan is not None and scan.whole
+    safe = guard(_seen(state), wanted_v, wanted_wz, _discs(state, peers), state.config, late, whole)
     effects.append(Drive(safe.v_mps, safe.wz_radps, "guard" if safe.limited else outcome.reason))
     if safe.limited:
         seen = (safe.nearest_m, safe.free_m, safe.stop_m, late.scan_s)

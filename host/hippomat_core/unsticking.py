@@ -73,6 +73,7 @@ def unstuck(
         held=state.held,
         commanded_mps=before.v_mps,
         remaining_m=outcome.remaining_m,
+        behind=state.scan is not None and state.scan.whole,
     )
     recovery, order = recover(state.recovery, now_ns, motion, seen, state.config)
     state = _told(replace(state, recovery=recovery), state.recovery, motion, effects)

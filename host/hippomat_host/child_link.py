@@ -136,9 +136,10 @@ class ChildLink:
             pass
         *lines, self._reports = self._reports.split(b"\n")
         for line in lines:
-            if line.startswith(b"{"):
-                yield json.loads(line)
-            else:  # an interpreter that could not even start
+            report = _report(line)
+            if report is not None:
+                yield report
+            else:  # an interpreter that could not even start, or a library's warning
                 self._last_words = f": {line.decode(errors='replace')}"
         if ended:
             raise PortError(f"the {self._name} of {self.path} died{self._last_words}")
@@ -175,3 +176,12 @@ class ChildLink:
             child.wait()
         if child.stdout is not None:
             child.stdout.close()
+
+
+def _report(line: bytes) -> dict[str, Any] | None:
+    """None for what else a child prints: its standard error comes the same way."""
+    try:
+        report = json.loads(line)
+    except ValueError:
+        return None
+    return report if isinstance(report, dict) else None

@@ -47,7 +47,13 @@ from hippomat_logs.recovery import recover_directory
 
 def run(config: Config, given: Given, lockstep: str | None) -> int:
     """The daemon from start to exit code; raises HippomatError for what the user can put right."""
-    if lockstep is None and adopt([path for path in (given.radio, given.base, given.lidar) if path]):
+    behind = (
+        given.radio,
+        given.base,
+        given.lidar,
+        config.ros.url,
+    )  # a robot behind ROS is taken for a real one
+    if lockstep is None and adopt([path for path in behind if path]):
         print("the clock is a simulator's", flush=True)
     policy = policy_of(config.fleet)
     grid = map_from(given.map) if given.map else None

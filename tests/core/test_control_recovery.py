@@ -84,6 +84,20 @@ def test_a_robot_that_nothing_frees_tries_everything_once_and_gives_up_within_a_
     assert {cause for _, _, cause in stander.began[:5]} == {"guard"}
 
 
+def test_a_robot_whose_lidar_does_not_look_behind_does_not_back_up():
+    stander = Stander().came_along(0.6).run(60, replace(STUCK, behind=False))
+    assert stander.steps[:4] == [CLEAR, TURN, WAIT, GIVE_UP]
+    assert BACK_UP not in stander.steps
+
+
+def test_backing_up_ends_when_the_lidar_looks_behind_no_more():
+    stander = Stander().came_along(0.6)
+    while stander.recovery.step != BACK_UP:
+        stander.tick(STUCK)
+    assert stander.tick(STUCK).v_mps < 0.0
+    assert stander.tick(replace(STUCK, behind=False)).v_mps == 0.0
+
+
 @given(
     st.lists(
         st.tuples(st.booleans(), st.booleans(), st.floats(0.0, 0.2), st.floats(0.5, 9.0)),

@@ -232,6 +232,14 @@ def test_returns_from_its_own_body_do_not_hold_a_robot():
     assert not guard(skin, -0.2, 0.0, NO_PEERS, CONFIG).limited
 
 
+def test_behind_a_lidar_that_sees_a_sector_no_way_is_free():
+    for v, wz in ((-0.1, 0.0), (-0.05, 0.5), (-0.3, -0.1)):
+        assert guard(NO_POINTS, v, wz, NO_PEERS, CONFIG).v_mps == v
+        safe = guard(NO_POINTS, v, wz, NO_PEERS, CONFIG, whole=False)
+        assert (safe.v_mps, safe.wz_radps, safe.limited, safe.free_m) == (0.0, wz, True, 0.0)
+    assert not guard(NO_POINTS, 0.2, 0.3, NO_PEERS, CONFIG, whole=False).limited
+
+
 def test_a_base_that_is_faster_than_commanded_is_reckoned_with_as_fast_as_it_is():
     wall = np.stack([np.full(41, 0.27), np.linspace(-1, 1, 41)], axis=1)
     assert not guard(wall, 0.15, 0.0, NO_PEERS, CONFIG).limited

@@ -10,6 +10,9 @@ import pytest
 from ros_samples import MS, scan, transform
 
 from hippomat_core.config import Config, FleetConfig, RobotConfig, RosConfig, config_from_dict
+from hippomat_core.control.follower import Motion
+from hippomat_core.control.nav_state import Navigator, NavOutcome
+from hippomat_core.control.recovery import BACK_UP, CLEAR, TURN, Recovery, Standstill
 from hippomat_core.errors import ConfigError
 from hippomat_core.maps.map_event import map_event
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
@@ -28,6 +31,7 @@ from hippomat_core.messages import (
     Tick,
 )
 from hippomat_core.step import initial_state, step
+from hippomat_core.unsticking import unstuck
 
 CONFIG = Config(
     fleet=FleetConfig(size=1, allocator="hungarian"),
@@ -116,6 +120,57 @@ def test_what_gets_old_stops_the_robot_and_is_named(missing, code, said):
     new = robot.lives(9500, 11_000)
     assert code not in robot.faults()
     assert AlarmCleared(code) in new
+
+
+@pytest.mark.parametrize("late_ms", [800.0, 1200.0, 2000.0, 5000.0])
+def test_a_scan_is_as_late_as_it_is_while_the_transforms_are_prompt(late_ms):
+    robot = running()
+    new = robot.lives(5000, 15_000, late_ms=late_ms)
+    assert {"radio_lost", "lidar_lost"} == robot.faults()
+    assert 14_900 * MS - robot.state.scan.stamp_ns == late_ms * MS
+    assert {effect.v_mps for effect in new if isinstance(effect, Drive)} == {0.0}
+
+
+@pytest.mark.parametrize("ranges", [[math.nan] * 360, [-math.inf] * 360, []])
+def test_a_lidar_whose_rays_come_to_no_result_is_lost(ranges):
+    robot = running()
+    last = robot.state.scan
+    for ms in range(5000, 9000, 50):
+        robot.lives(ms, ms + 50, scans=False)
+        robot.give(scan(ms, ranges, low=-math.pi, step=math.pi / 180))
+    assert robot.state.scan is last
+    assert "lidar_lost" in robot.faults()
+
+
+@pytest.mark.parametrize("nothing", [math.inf, 99.0])
+def test_a_lidar_that_sees_nothing_far_and_wide_is_not_lost(nothing):
+    robot = running()
+    robot.give(scan(5000, [nothing] * 360, low=-math.pi, step=math.pi / 180))
+    assert (robot.state.scan.stamp_ns, len(robot.state.scan.points)) == (5000 * MS, 0)
+    assert robot.state.scan.whole
+
+
+@pytest.mark.parametrize(("seen_deg", "whole"), [(180, False), (270, False), (344, False), (346, True)])
+def test_a_scan_knows_whether_it_looked_all_round(seen_deg, whole):
+    robot = running()
+    low = math.radians(90 - seen_deg / 2)
+    robot.give(scan(5000, [2.0] * (seen_deg + 1), low=low, step=math.pi / 180))
+    assert robot.state.scan.whole == whole
+    blinded = [2.0] * seen_deg + [math.nan] * (361 - seen_deg)  # the same, said in another way
+    robot.give(scan(5100, blinded, low=low, step=math.pi / 180))
+    assert robot.state.scan.whole == whole
+
+
+@pytest.mark.parametrize(("seen_deg", "tries"), [(359, BACK_UP), (180, TURN)])
+def test_a_stuck_robot_backs_up_only_where_its_lidar_looks(seen_deg, tries):
+    robot, goal = running(), (3.0, 0.0)
+    robot.give(scan(5000, [2.0] * (seen_deg + 1), low=math.radians(-seen_deg / 2), step=math.pi / 180))
+    still = Standstill(anchor=(1.0, 0.0, 0.0), stalled_s=100.0)
+    stuck = Recovery(stamp_ns=5000 * MS, goal=goal, tried=CLEAR, still=still, stuck_at=(1.0, 0.0))
+    state, navigator = replace(robot.state, recovery=stuck), replace(Navigator(), destination=goal)
+    outcome = NavOutcome(0.0, 0.0, "hold", None, np.zeros((1, 2), np.int64), False, False, -1, 2.0)
+    state, _, _ = unstuck(state, 5050 * MS, Motion(1.0, 0.0, 0.0), (), navigator, outcome, [])
+    assert state.recovery.step == tries
 
 
 def test_a_base_that_says_nothing_is_lost_although_ros_is_there():

@@ -13,7 +13,7 @@ from ros_samples import MS, OFFSET_NS, scan, transform
 
 from hippomat_core.config import RosConfig
 from hippomat_core.messages import OdometryReceived
-from hippomat_core.ros.clock import RosClock
+from hippomat_core.ros.clock import BACK, RosClock
 from hippomat_core.ros.feed import RosFeed, with_odometry, with_scan, with_transform
 from hippomat_core.ros.transforms import HERE, Rigid, Transforms, composed
 
@@ -130,9 +130,42 @@ def test_an_age_counts_from_the_promptest_message(delays_ms):
         assert age_ns >= (delay_ms - known) * MS
 
 
-def test_a_clock_that_goes_back_is_believed_again():
-    clock = RosClock().heard(0, 5_000_000 * MS).heard(100 * MS, 0 + 1)
-    assert clock.taken_ns(110 * MS, 10 * MS + 1) == 110 * MS
+def test_a_clock_that_goes_back_for_every_source_is_believed_again():
+    clock = RosClock().heard(0, 5_000_000 * MS, "scan").heard(0, 5_000_000 * MS, "odom")
+    for ms in range(100, 100 + 10 * BACK, 10):
+        assert clock.taken_ns(ms * MS, ms * MS) < 0  # old until then: the robot stands
+        clock = clock.heard(ms * MS, ms * MS, "scan" if ms % 20 else "odom")
+    assert clock.taken_ns(400 * MS, 390 * MS) == 390 * MS
+
+
+@given(
+    st.sampled_from([500, 800, 1200, 2000, 5000]),
+    st.integers(0, 50),
+    st.integers(1, 20),
+    st.lists(st.integers(0, 30), min_size=60, max_size=60),
+)
+def test_a_source_that_gets_late_is_no_clock_that_went_back(late_ms, prompt_ms, period, jitter_ms):
+    """Also if it comes more often than those that are on time; a queue keeps the order of its stamps."""
+    clock, sent_ms = RosClock(), 0
+    for k, more_ms in enumerate(jitter_ms):
+        now_ms = 10_000 + 50 * k
+        if k % period == 0:
+            clock = clock.heard(now_ms * MS, (now_ms - prompt_ms) * MS - OFFSET_NS, "odom")
+        delay_ms = 0 if k < 10 else late_ms + more_ms
+        sent_ms = max(sent_ms, now_ms - prompt_ms - delay_ms)
+        stamp_ns, ros_ns = now_ms * MS, sent_ms * MS - OFFSET_NS
+        clock = clock.heard(stamp_ns, ros_ns, "scan")
+        age_ns = stamp_ns - clock.taken_ns(stamp_ns, ros_ns)
+        assert age_ns == (now_ms - prompt_ms - sent_ms) * MS
+
+
+def test_a_lidar_that_alone_is_heard_may_get_late_too():
+    """Its stamps fall behind, and never back."""
+    clock = RosClock().heard(1000 * MS, 1000 * MS, "scan")
+    for k in range(100):
+        stamp_ns, ros_ns = (5000 + 100 * k) * MS, (1100 + 100 * k) * MS
+        clock = clock.heard(stamp_ns, ros_ns, "scan")
+        assert stamp_ns - clock.taken_ns(stamp_ns, ros_ns) == 3900 * MS
 
 
 def test_drifting_clocks_do_not_age_what_is_new():

@@ -19,7 +19,7 @@ from hippomat_core.config import RosConfig
 from hippomat_core.errors import PortError
 from hippomat_core.maps.map_event import map_event
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.messages import LaserScanReceived, MapReceived, TransformReceived
+from hippomat_core.messages import BASE, LaserScanReceived, MapReceived, TransformReceived
 from hippomat_core.wire.jetbot_base import encode_velocity
 from hippomat_host.child_link import ChildLink
 from hippomat_host.clock import now
@@ -299,6 +299,28 @@ def test_a_daemon_whose_first_connection_fails_says_why_at_once():
     link = FeedLink(RosConfig(url="ws://127.0.0.1:9"))
     with followed(link) as feed, pytest.raises(PortError, match=refused):
         feed.until(lambda: link.running)
+
+
+class Babbler(ChildLink):
+    """Its child prints what looks like a report, as a library's warning may, before a true one."""
+
+    LINES = ("{no report}", '{"cut": ', "{\xff}", '{"true": 1}')
+
+    def __init__(self) -> None:
+        printed = "\n".join(self.LINES)
+        super().__init__(BASE, "ws://x", "babbler", ["timeit", "-n1", "-r1", f"print({printed!r})"])
+        self.reports: list[dict[str, Any]] = []
+
+    def _reported(self, report, now_ns):  # noqa: ARG002
+        self.reports.append(report)
+        return iter(())
+
+
+def test_a_line_of_a_child_that_is_no_report_is_kept_as_its_last_words():
+    link = Babbler()
+    with followed(link) as child, pytest.raises(PortError, match="the babbler of ws://x died"):
+        child.until(lambda: False)
+    assert link.reports == [{"true": 1}]
 
 
 def test_a_hung_up_connection_is_an_error_in_one_line(bridge):

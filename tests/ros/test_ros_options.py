@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from hippomat_core.config import Config
-from hippomat_core.errors import ConfigError
+from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_host import options
 from hippomat_host.advice import Given
+from hippomat_host.clock import VARIABLE
 from hippomat_host.options import config_of, given_of, parser
-from hippomat_host.startup import make_links
+from hippomat_host.startup import make_links, run
 
 ROS = ("--port", "/dev/radio", "--ros", "ws://robot:9090", "--robot", "3")
 
@@ -71,9 +73,32 @@ def test_an_observer_drives_nothing_through_ros_either():
     assert kinds == {"SerialLink", "FeedLink"}
 
 
+@pytest.mark.parametrize(
+    ("off", "said"),
+    [((), "map = true and lidar = true"), (("map",), "lidar = true"), (("lidar",), "map = true")],
+)
+def test_making_a_map_with_ros_behind_map_or_lidar_is_refused(tmp_path: Path, off, said):
+    settings = tmp_path / "hippomat.toml"
+    settings.write_text("[ros]\n" + "".join(f"{role} = false\n" for role in off))
+    with pytest.raises(ConfigError, match=rf"mode = \"map\" .* \[ros\] {said}\b.*; .*--lidar DEV"):
+        understood("--slam", "--config", str(settings))
+    settings.write_text("[ros]\nmap = false\nlidar = false\n")
+    assert understood("--slam", "--config", str(settings))[0].slam.mode == "map"
+    assert understood("--slam", "--map", "lab.yaml")[0].slam.mode == "auto"
+
+
 def test_an_address_that_is_none_is_refused():
     with pytest.raises(ConfigError, match=r"is no rosbridge address: give ws://HOST:9090"):
         config_of(parser().parse_args(["--port", "/dev/x", "--ros", "robot:9090"]))
+
+
+def test_a_simulators_clock_is_refused_where_ros_is_behind_the_robot(tmp_path: Path, monkeypatch):
+    """A clock that stands still would disarm what stops the base, and nothing says that ROS is simulated."""
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "clock"))
+    config, given = understood("--no-log")
+    given = replace(given, radio="/dev/pts/0")
+    with pytest.raises(HippomatError, match="HIPPOMAT_CLOCK is set, but ws://robot:9090 is no simulated dev"):
+        run(config, given, None)
 
 
 @pytest.mark.parametrize("package", ["websockets", "cbor2"])

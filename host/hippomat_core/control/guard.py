@@ -102,12 +102,14 @@ def guard(
     peers: NDArray[np.float64],
     config: Config,
     late: Lateness = NOT_LATE,
+    whole: bool = True,
 ) -> GuardedDrive:
     """The wanted velocity, made slow enough to stop before contact in the area that the footprint sweeps.
 
     points: (n, 2) [m]   peers: (k, 3) x, y, radius [m]; both in the base frame, where they are now
     Stopping takes v * reaction + v^2 / (2 limits.decel_mps2), with the larger of the wanted and the measured
     speed; guard.margin_m stays free beyond the footprint. When slowed, the arc keeps its curvature.
+    whole: the points are of all directions; a lidar that sees a sector looks ahead, so nobody looked behind
     """
     if not (math.isfinite(v_mps) and math.isfinite(wz_radps)):
         return GuardedDrive(0.0, 0.0, True)
@@ -119,9 +121,11 @@ def guard(
     reaction_s = config.guard.latency_s + late.odometry_s
     stop_m = stopping_way(speed, reaction_s, decel)
     curvature = wz_radps / v_mps
-    free_m = free_travel_m(
-        seen.xy, seen.gap_m, seen.corners, config.robot.radius_m, direction, curvature, stop_m
-    )
+    free_m = 0.0
+    if whole or direction > 0.0:
+        free_m = free_travel_m(
+            seen.xy, seen.gap_m, seen.corners, config.robot.radius_m, direction, curvature, stop_m
+        )
     if free_m >= stop_m:
         return GuardedDrive(v_mps, wz_radps, False, seen.nearest_m, free_m, stop_m)
     allowed = min(fastest(free_m, reaction_s, decel), abs(v_mps))

@@ -54,6 +54,7 @@ class Symptoms:
     held: bool  # the guard limited the last command
     commanded_mps: float  # the last command, as the guard let it through
     remaining_m: float  # to the goal; inf: there is no way
+    behind: bool = True  # the lidar sees what is there: else no backing up
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +178,8 @@ def _patience_s(now: Recovery, config: Config) -> float:
 def _begun(now: Recovery, motion: Motion, seen: Symptoms, config: Config) -> tuple[Recovery, Order]:
     """The next attempt."""
     step, place = NEXT[now.tried], _place(motion)
+    if step == BACK_UP and not seen.behind:
+        step = NEXT[step]
     if not now.stuck:
         now = replace(now, stuck_at=place[:2], stuck_nearest_m=now.approach.nearest_m)
     cause = _cause(now, seen, config)
@@ -198,7 +201,7 @@ def _is_over(now: Recovery, motion: Motion, seen: Symptoms, config: Config) -> b
     x, y, yaw = now.began_at
     if now.step == BACK_UP:
         done = _away_m((x, y), motion) >= config.recovery.back_m or not _behind(now.trail, motion)
-        return done or (seen.held and age_s > HELD_BACK_S) or age_s > LONGEST_S
+        return done or not seen.behind or (seen.held and age_s > HELD_BACK_S) or age_s > LONGEST_S
     if now.step == TURN:
         return abs(math.remainder(motion.yaw_rad - yaw, math.tau)) >= TURN_RAD or age_s > LONGEST_S
     return now.step in (CLEAR, GIVE_UP) or age_s >= config.recovery.wait_s

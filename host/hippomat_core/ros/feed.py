@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.config import RosConfig
+from hippomat_core.control.guard import HOLE_Q6
 from hippomat_core.messages import LaserScanReceived, OdometryReceived, TransformReceived
 from hippomat_core.ros.clock import RosClock
 from hippomat_core.ros.transforms import HERE, Edge, Pose2, Transforms, along, composed
@@ -84,7 +85,7 @@ def with_transform(feed: RosFeed, event: TransformReceived, ros: RosConfig) -> R
     """After one transform, of whatever frames."""
     clock = feed.clock
     if not event.fixed and event.parent != ros.map_frame:  # AMCL's is stamped ahead
-        clock = clock.heard(event.stamp_ns, event.ros_ns)
+        clock = clock.heard(event.stamp_ns, event.ros_ns, f"{event.parent}>{event.child}")
     taken_ns = clock.taken_ns(event.stamp_ns, event.ros_ns)
     transforms = feed.transforms.with_transform(event, taken_ns)
     feed = replace(feed, clock=clock, transforms=transforms)
@@ -100,7 +101,7 @@ def with_transform(feed: RosFeed, event: TransformReceived, ros: RosConfig) -> R
 
 
 def with_odometry(feed: RosFeed, event: OdometryReceived) -> RosFeed:
-    clock = feed.clock.heard(event.stamp_ns, event.ros_ns)
+    clock = feed.clock.heard(event.stamp_ns, event.ros_ns, "odometry")
     if not (math.isfinite(event.v_mps) and math.isfinite(event.wz_radps)):
         return replace(feed, clock=clock)
     return replace(feed, clock=clock, told=(event.stamp_ns, event.v_mps, event.wz_radps))
@@ -114,7 +115,7 @@ def with_scan(
     None where the lidar's frame is not known in the base frame.
     """
     mount = feed.transforms.between(event.frame, base_frame)
-    clock = feed.clock.heard(event.stamp_ns, event.ros_ns)
+    clock = feed.clock.heard(event.stamp_ns, event.ros_ns, f"scan {event.frame}")
     feed = replace(feed, clock=clock, unplaced=0 if mount is not None else feed.unplaced + 1)
     points = None if mount is None else mount.flattened(scan_returns(event))
     return feed, points, feed.clock.taken_ns(event.stamp_ns, event.ros_ns)
@@ -127,6 +128,21 @@ def scan_returns(event: LaserScanReceived) -> NDArray[np.float64]:
         kept = np.isfinite(range_m) & (range_m >= event.range_min_m) & (range_m <= event.range_max_m)
     angle_rad = event.angle_min_rad + event.angle_increment_rad * np.flatnonzero(kept)
     return np.stack([range_m[kept] * np.cos(angle_rad), range_m[kept] * np.sin(angle_rad)], axis=1)
+
+
+def says_something(event: LaserScanReceived) -> bool:
+    """False where no ray came to a result, not even to that of seeing nothing: that shows no free space."""
+    return bool((event.ranges_m > -np.inf).any())
+
+
+def looks_all_round(event: LaserScanReceived) -> bool:
+    """True where the rays that came to a result leave no hole: of the serial lidars, is_whole."""
+    angle_rad = event.angle_min_rad + event.angle_increment_rad * np.flatnonzero(event.ranges_m > -np.inf)
+    if not len(angle_rad):
+        return False
+    angle_rad = np.sort(np.mod(angle_rad, math.tau))
+    hole_rad = np.diff(angle_rad, append=angle_rad[0] + math.tau).max()
+    return bool(hole_rad <= math.radians(HOLE_Q6 / 64))
 
 
 def _with_place(feed: RosFeed, way: tuple[Edge, ...]) -> RosFeed:

@@ -21,7 +21,14 @@ from hippomat_core.messages import (
     OdometryReceived,
     TransformReceived,
 )
-from hippomat_core.ros.feed import RosFeed, with_odometry, with_scan, with_transform
+from hippomat_core.ros.feed import (
+    RosFeed,
+    looks_all_round,
+    says_something,
+    with_odometry,
+    with_scan,
+    with_transform,
+)
 from hippomat_core.state import Scan, State
 
 NO_MOUNT = "scan_frame"
@@ -60,6 +67,8 @@ def laser_scan(state: State, event: LaserScanReceived) -> Stepped:
     state = replace(state, ros=feed)
     if points is None:
         return _without_mount(state, event)
+    if not says_something(event):  # a blinded lidar: what it saw last gets old
+        return state, ()
     pose = feed.odom_at(taken_ns) if state.external_pose is not None else state.steady_pose
     if state.scan is not None:
         mount = feed.transforms.between(event.frame, ros.base_frame)
@@ -67,7 +76,7 @@ def laser_scan(state: State, event: LaserScanReceived) -> Stepped:
         blind = replace(lidar, x_m=at_m[0], y_m=at_m[1], min_range_m=event.range_min_m)
         before = carried_along(state.scan.points, state.scan.pose, pose)
         points = np.concatenate([hidden_points(before, blind), points])
-    state = replace(state, scan=Scan(taken_ns, points, pose))
+    state = replace(state, scan=Scan(taken_ns, points, pose, looks_all_round(event)))
     if NO_MOUNT not in state.alarms:
         return state, ()
     return replace(state, alarms=state.alarms - {NO_MOUNT}), (AlarmCleared(NO_MOUNT),)
