@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hippomat_core.control.navigator import forget_path
 from hippomat_core.mapping import with_answer
 from hippomat_core.mapping import with_sweep as charted
 from hippomat_core.messages import WARNING, AlarmRaised, Effect, Localized, LoopsClosed, ScanReceived
@@ -29,7 +28,7 @@ from hippomat_core.slam.localizer import (
 from hippomat_core.slam.masking import masked
 from hippomat_core.slam.pose2 import compose
 from hippomat_core.slam.sweep import deskewed
-from hippomat_core.state import State
+from hippomat_core.state import State, elsewhere
 from hippomat_core.wire.frames import FLAG_LOCALIZED
 
 
@@ -62,7 +61,7 @@ def on_sweep(state: State, event: ScanReceived, effects: list[Effect]) -> State:
         shown = masked(points, pose, _peers_m(state, event.stamp_ns), state.config.robot.radius_m)
     after = with_sweep(before, Seen(shown, odom), event.stamp_ns)
     effects.append(_record(after, at_ns, len(points) - len(shown)))
-    return _told(state, before, after, effects)
+    return _told(state, before, after, event.stamp_ns, effects)
 
 
 def on_loops_closed(state: State, event: LoopsClosed) -> tuple[State, tuple[Effect, ...]]:
@@ -79,15 +78,15 @@ def on_loops_closed(state: State, event: LoopsClosed) -> tuple[State, tuple[Effe
 def on_tick(state: State, now_ns: int, effects: list[Effect]) -> State:
     """A search of the whole map goes on, where there is one."""
     before = state.place
-    return state if before is None else _told(state, before, with_work(before, now_ns), effects)
+    return state if before is None else _told(state, before, with_work(before, now_ns), now_ns, effects)
 
 
-def _told(state: State, before: Localizer, after: Localizer, effects: list[Effect]) -> State:
+def _told(state: State, before: Localizer, after: Localizer, now_ns: int, effects: list[Effect]) -> State:
     """What changed is said; a robot that finds itself somewhere plans anew."""
     if after.why and after.why != before.why and "not_localized" in state.alarms:
         effects.append(AlarmRaised(BY_CODE["not_localized"].level, "not_localized", after.why))
     if after.localized and not before.localized:
-        return replace(state, place=after, navigator=forget_path(state.navigator), outcome=None)
+        return elsewhere(replace(state, place=after), now_ns)
     return replace(state, place=after)
 
 

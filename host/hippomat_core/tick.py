@@ -23,11 +23,12 @@ from hippomat_core.messages import BASE, Drive, Effect, GuardLimited, PathPlanne
 from hippomat_core.motion.commitment import may_start
 from hippomat_core.planning.reservations import PeerMotion, peer_motion
 from hippomat_core.reactions import BY_CODE, Permissions, permissions
-from hippomat_core.state import NO_POINTS, State
+from hippomat_core.state import NO_POINTS, State, elsewhere
 from hippomat_core.unsticking import unstuck, unworried
 from hippomat_core.wire.frames import FLAG_LOCALIZED
 
 ALONE_S = 3.0  # of silence since the start: there is nobody who has to hear of us first
+HEARD_ROUNDS = 3  # as long may what a peer says it heard of us be a STATE from before we were placed
 
 
 def tick(state: State, event: Tick) -> Stepped:
@@ -41,6 +42,8 @@ def tick(state: State, event: Tick) -> Stepped:
     if not state.observes and state.ports[BASE]:
         state = _drive(state, now_ns, allowed, effects)
         effects.append(PoseEstimated(*state.pose, *state.velocity, state.pose_source))
+    if any(code == "not_localized" for code, _ in state.faults):
+        state = elsewhere(state, now_ns)
     return state, tuple(effects)
 
 
@@ -106,14 +109,20 @@ def _together(state: State, now_ns: int) -> Together | None:
     """Where the fleet plans its moves together: what round it is, and whether the others know of us."""
     if state.ground is None or state.ground.lattice is None:
         return None
+    return Together(state.ground.lattice, state.fleet.clock.round, heard_of_us(state, now_ns))
+
+
+def heard_of_us(state: State, now_ns: int) -> bool:
+    """Whether all peers that we hear have heard of us where we are now; after a silence, we are alone."""
     me, fresh_ns = state.config.robot.id, int(state.config.planning.peer_stale_s * 1e9)
+    known_ns = state.placed_ns + HEARD_ROUNDS * state.fleet.timing.round_ns
     heard_by = [
-        bool(peer.frame.heard >> me & 1)
+        bool(peer.frame.heard >> me & 1) and peer.stamp_ns > known_ns
         for peer in state.fleet.peers
         if peer is not None and now_ns - peer.stamp_ns <= fresh_ns
     ]
-    alone_s = (now_ns - state.started_ns) / 1e9
-    return Together(state.ground.lattice, state.fleet.clock.round, may_start(heard_by, alone_s, ALONE_S))
+    alone_s = (now_ns - max(state.started_ns, state.placed_ns)) / 1e9
+    return may_start(heard_by, alone_s, ALONE_S)
 
 
 def peers_in_the_way(state: State, now_ns: int) -> list[PeerMotion]:

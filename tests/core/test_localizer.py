@@ -271,6 +271,21 @@ def test_a_robot_that_was_carried_says_so_stops_and_finds_itself_again():
     assert world.error_m < 0.05
 
 
+def test_nothing_of_where_a_robot_believed_to_be_outlives_its_being_lost():
+    world = LidarWorld(FLAT, (2.0, 2.5, 1.0), (2.0, 2.5, 1.0)).drive(4.0, 0.1)
+    assert world.localized
+    assert world.state.recovery.trail
+    navigator = replace(world.state.navigator, heard=True, marks=((2.0, 2.5, 10**18),))
+    world.state = replace(world.state, navigator=navigator)
+    world.carry((4.6, 4.0, -2.0))
+    world.drive(8.5)
+    assert world.localized
+    assert all(math.dist(place, world.pose[:2]) < 0.3 for place in world.state.recovery.trail)
+    assert not world.state.navigator.heard
+    assert not world.state.navigator.marks
+    assert world.state.placed_ns > 4 * 10**9
+
+
 def test_without_a_start_pose_a_robot_is_found_in_the_whole_map():
     world = LidarWorld(FLAT, (4.6, 1.2, 2.0), None).drive(5.0)
     assert world.localized

@@ -22,8 +22,9 @@ from hippomat_core.messages import (
     StateHeard,
     StopHeard,
 )
+from hippomat_core.state import elsewhere
 from hippomat_core.step import initial_state, step
-from hippomat_core.tick import peers_in_the_way
+from hippomat_core.tick import heard_of_us, peers_in_the_way
 from hippomat_core.wire.frames import FLAG_STOPPED, RESUME, STATE, STOP, Header, StopFrame
 
 
@@ -162,6 +163,22 @@ def test_what_the_lidar_is_too_near_to_see_is_remembered_while_the_robot_stays_n
     body.state = dataclasses.replace(body.state, odometry=odometry)
     body.take(full_sweep(pair.now_ns + 4))
     assert len(body.state.scan.points) == 0
+
+
+def test_a_robot_that_was_found_elsewhere_waits_until_peers_have_heard_of_it_there():
+    world = FleetWorld(2)
+    world.run(6.0)
+    body = world.bodies[0]
+    row_heard(world, body, heard=1)
+    assert heard_of_us(body.state, world.now_ns)
+    body.state = elsewhere(body.state, world.now_ns + 1)
+    assert not heard_of_us(body.state, world.now_ns + 1)
+    row_heard(world, body, heard=1)  # it may still mean the place before
+    assert not heard_of_us(body.state, world.now_ns + 1)
+    world.now_ns += 10**9
+    assert not heard_of_us(body.state, world.now_ns)
+    row_heard(world, body, heard=1)
+    assert heard_of_us(body.state, world.now_ns + 10**7)
 
 
 def test_a_peer_that_does_not_know_where_it_is_stands_in_nobodys_way(pair):

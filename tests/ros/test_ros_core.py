@@ -10,6 +10,7 @@ import pytest
 from ros_samples import MS, scan, transform
 
 from hippomat_core.config import Config, FleetConfig, RobotConfig, RosConfig, config_from_dict
+from hippomat_core.control.recovery import Recovery
 from hippomat_core.errors import ConfigError
 from hippomat_core.maps.map_event import map_event
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
@@ -175,6 +176,16 @@ def test_a_jump_of_the_localization_does_not_move_what_the_guard_sees():
     assert robot.state.steady_pose == pytest.approx((1.0, 0.0, 0.0))
     robot.give(scan(5050, [2.0] * 360, low=-math.pi, step=math.pi / 180))
     assert robot.state.scan.points == pytest.approx(seen)
+
+
+@pytest.mark.parametrize(("x_m", "forgotten"), [(0.1, False), (2.0, True)])
+def test_only_where_localization_puts_the_robot_elsewhere_it_forgets_the_places_it_passed(x_m, forgotten):
+    robot = running()
+    passed = Recovery(trail=((9.0, 9.0),))
+    robot.state = replace(robot.state, recovery=passed)
+    robot.give(transform("map", "odom", 5000, (x_m, 0.0, 0.0), ahead_ms=1000))
+    assert (robot.state.recovery is not passed) == forgotten
+    assert (robot.state.placed_ns == 5000 * MS) == forgotten
 
 
 def test_a_restart_of_the_odometry_is_said_and_its_scan_not_used():
