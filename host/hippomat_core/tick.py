@@ -25,10 +25,10 @@ from hippomat_core.planning.reservations import PeerMotion, peer_motion
 from hippomat_core.reactions import BY_CODE, Permissions, permissions
 from hippomat_core.state import NO_POINTS, State, elsewhere
 from hippomat_core.unsticking import unstuck, unworried
-from hippomat_core.wire.frames import FLAG_LOCALIZED
 
 ALONE_S = 3.0  # of silence since the start: there is nobody who has to hear of us first
 HEARD_ROUNDS = 3  # as long may what a peer says it heard of us be a STATE from before we were placed
+LOST_NS = 60_000_000_000  # a peer that is lost for longer may have been carried anywhere
 
 
 def tick(state: State, event: Tick) -> Stepped:
@@ -126,11 +126,15 @@ def heard_of_us(state: State, now_ns: int) -> bool:
 
 
 def peers_in_the_way(state: State, now_ns: int) -> list[PeerMotion]:
-    """Every peer that knows where it is, of whatever digest; the others are left to the scan."""
+    """Every peer that knows, or lately knew, where it is; the others are left to the scan.
+
+    One that is lost stands where it was: it counts as one that has been silent since.
+    """
+    known = [(peer, peer.placed) for peer in state.fleet.peers if peer is not None]
     return [
-        peer_motion(peer.robot, peer.frame, (now_ns - peer.stamp_ns) / 1e9, peer.round, peer.agrees)
-        for peer in state.fleet.peers
-        if peer is not None and peer.frame.flags & FLAG_LOCALIZED
+        peer_motion(peer.robot, placed.frame, (now_ns - placed.stamp_ns) / 1e9, placed.round, peer.agrees)
+        for peer, placed in known
+        if placed is not None and (placed.frame is peer.frame or now_ns - placed.stamp_ns <= LOST_NS)
     ]
 
 

@@ -24,8 +24,8 @@ from hippomat_core.messages import (
 )
 from hippomat_core.state import elsewhere
 from hippomat_core.step import initial_state, step
-from hippomat_core.tick import heard_of_us, peers_in_the_way
-from hippomat_core.wire.frames import FLAG_STOPPED, RESUME, STATE, STOP, Header, StopFrame
+from hippomat_core.tick import LOST_NS, heard_of_us, peers_in_the_way
+from hippomat_core.wire.frames import FLAG_LOCALIZED, FLAG_STOPPED, RESUME, STATE, STOP, Header, StopFrame
 
 
 def said(body, kind, since_ns=0):
@@ -181,15 +181,45 @@ def test_a_robot_that_was_found_elsewhere_waits_until_peers_have_heard_of_it_the
     assert heard_of_us(body.state, world.now_ns + 10**7)
 
 
-def test_a_peer_that_does_not_know_where_it_is_stands_in_nobodys_way(pair):
-    body = pair.bodies[0]
+def just_ahead(body, away_m=0.26):
+    """The fields of a STATE that stands in front of the body."""
     x_m, y_m, yaw_rad = body.state.pose
-    ahead = {"x_cm": round(100 * (x_m + 0.26 * math.cos(yaw_rad))), "speed_2cmps": 0}
-    ahead["y_cm"] = round(100 * (y_m + 0.26 * math.sin(yaw_rad)))
+    x_cm = round(100 * (x_m + away_m * math.cos(yaw_rad)))
+    return {"x_cm": x_cm, "y_cm": round(100 * (y_m + away_m * math.sin(yaw_rad))), "speed_2cmps": 0}
+
+
+def test_a_peer_that_never_knew_where_it_is_stands_in_nobodys_way():
+    world = FleetWorld(2)
+    world.run(2.0)
+    body = world.bodies[0]
+    nobody = dataclasses.replace(body.state.fleet, peers=(None, None))
+    body.state = dataclasses.replace(body.state, fleet=nobody)
+    row_heard(world, body, flags=0)
+    assert not body_peers(world, body)
+
+
+def test_a_peer_that_gets_lost_stays_where_it_was_for_as_long_as_nobody_can_have_carried_it_far(pair):
+    body = pair.bodies[0]
+    ahead = just_ahead(body)
     row_heard(pair, body, **ahead)
-    assert [peer.x_m for peer in body_peers(pair, body)] == [ahead["x_cm"] / 100]
-    row_heard(pair, body, **ahead, flags=0)
+    told = body_peers(pair, body)
+    since_ns = pair.now_ns
+    for _ in range(3):
+        pair.now_ns += 2 * 10**8
+        row_heard(pair, body, **{**ahead, "x_cm": 0, "y_cm": 0}, flags=0)
+    (peer,) = body_peers(pair, body)
+    assert (peer.x_m, peer.y_m) == (ahead["x_cm"] / 100, ahead["y_cm"] / 100)
+    assert peer.intent.tolist() == told[0].intent.tolist()
+    assert peer.age_s == pytest.approx(told[0].age_s + 0.6), "as of one that fell silent"
+    pair.now_ns = since_ns + LOST_NS
     assert not body_peers(pair, body)
+
+
+def test_a_peer_that_is_found_again_is_where_it_says(pair):
+    body = pair.bodies[0]
+    for flags, x_cm in [(FLAG_LOCALIZED, 100), (0, 0), (FLAG_LOCALIZED, 300)]:
+        row_heard(pair, body, flags=flags, x_cm=x_cm)
+    assert [peer.x_m for peer in body_peers(pair, body)] == [3.0]
 
 
 def body_peers(world, body):
