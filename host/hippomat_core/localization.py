@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from hippomat_core.mapping import with_answer
 from hippomat_core.mapping import with_sweep as charted
-from hippomat_core.messages import WARNING, AlarmRaised, Effect, Localized, LoopsClosed, ScanReceived
+from hippomat_core.messages import (
+    WARNING,
+    AlarmCleared,
+    AlarmRaised,
+    Effect,
+    Localized,
+    LoopsClosed,
+    ScanReceived,
+)
 from hippomat_core.planning.ground import Ground
 from hippomat_core.reactions import BY_CODE
 from hippomat_core.slam.localizer import (
@@ -30,6 +38,8 @@ from hippomat_core.slam.pose2 import compose
 from hippomat_core.slam.sweep import deskewed
 from hippomat_core.state import State, elsewhere
 from hippomat_core.wire.frames import FLAG_LOCALIZED
+
+LOOPS_OPEN = "loops_open"
 
 
 def on_map(state: State, ground: Ground, now_ns: int) -> State:
@@ -69,10 +79,15 @@ def on_loops_closed(state: State, event: LoopsClosed) -> tuple[State, tuple[Effe
     if state.charting is None:
         return state, ()
     effects: list[Effect] = []
-    if event.text:
-        effects.append(AlarmRaised(WARNING, "loops_open", f"loops of the map are not closed: {event.text}"))
-    state = replace(state, charting=with_answer(state.charting, event, effects))
-    return state, tuple(effects)
+    alarms, raised = state.alarms, LOOPS_OPEN in state.alarms
+    if event.text and not raised:
+        effects.append(AlarmRaised(WARNING, LOOPS_OPEN, f"loops of the map are not closed: {event.text}"))
+        alarms |= {LOOPS_OPEN}
+    if raised and not event.text:
+        effects.append(AlarmCleared(LOOPS_OPEN))
+        alarms -= {LOOPS_OPEN}
+    charting = with_answer(state.charting, event, effects)
+    return replace(state, charting=charting, alarms=alarms), tuple(effects)
 
 
 def on_tick(state: State, now_ns: int, effects: list[Effect]) -> State:

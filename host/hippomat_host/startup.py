@@ -18,6 +18,7 @@ from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import BASE, LIDAR, RADIO
+from hippomat_core.slam.gtsam_solver import load_gtsam
 from hippomat_host.acceptance import accept, greeting_of
 from hippomat_host.advice import Given
 from hippomat_host.clock import adopt
@@ -49,6 +50,8 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
     """The daemon from start to exit code; raises HippomatError for what the user can put right."""
     if lockstep is None and adopt([path for path in (given.radio, given.base, given.lidar) if path]):
         print("the clock is a simulator's", flush=True)
+    if config.slam.mode == "map" and lockstep is None:
+        load_gtsam()
     policy = policy_of(config.fleet)
     grid = map_from(given.map) if given.map else None
     if grid is not None and config.robot.start_known:
