@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hippomat_core.config import Config
 from hippomat_core.mapping import with_answer
 from hippomat_core.mapping import with_sweep as charted
 from hippomat_core.messages import (
@@ -42,10 +43,16 @@ from hippomat_core.wire.frames import FLAG_LOCALIZED
 LOOPS_OPEN = "loops_open"
 
 
+def localizes(config: Config) -> bool:
+    """Whether the robot finds itself in a map, once it has one, with a lidar of its own."""
+    ros = config.ros
+    return config.robot.id >= 0 and config.slam.mode == "auto" and not (ros.localizes or ros.scans)
+
+
 def on_map(state: State, ground: Ground, now_ns: int) -> State:
     """With a map that is new, or changed: the pose in it is what it was before, and has to be checked."""
     config = state.config
-    if state.observes or config.slam.mode != "auto" or config.ros.localizes or config.ros.scans:
+    if not localizes(config):
         return replace(state, place=None)
     saved = saved_map(ground.costmap, config.robot.radius_m)
     if state.place is not None:

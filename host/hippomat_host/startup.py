@@ -16,6 +16,7 @@ from pathlib import Path
 from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.errors import ConfigError, HippomatError
+from hippomat_core.localization import localizes
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import BASE, LIDAR, RADIO
 from hippomat_core.slam.gtsam_solver import load_gtsam
@@ -61,7 +62,7 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
             print(f"earlier log {line}", flush=True)
     prepare_allocator(config.fleet, policy, partial(print, flush=True))
     prepare_control(config, partial(print, flush=True))
-    if grid is not None and config.slam.mode == "auto" and not given.observes:
+    if localizes(config) and (grid is not None or config.ros.maps):
         prepare_localizer(partial(print, flush=True))
     if config.slam.mode == "map":
         prepare_mapper(partial(print, flush=True))
