@@ -69,8 +69,8 @@ def on_sweep(state: State, event: ScanReceived, effects: list[Effect]) -> State:
         return state
     points, odom, at_ns = deskewed(event, state.sweeps, state.odometry, state.config.lidar)
     if state.charting is not None:
-        shown = masked(points, state.pose, _peers_m(state, event.stamp_ns), state.config.robot.radius_m)
-        return replace(state, charting=charted(state.charting, event, (shown, odom, at_ns), effects))
+        # Peers are not left out: their poses are told in a map that we do not have.
+        return replace(state, charting=charted(state.charting, event, (points, odom, at_ns), effects))
     assert before is not None
     shown = points
     if before.localized:
@@ -105,7 +105,8 @@ def on_tick(state: State, now_ns: int, effects: list[Effect]) -> State:
 
 def _told(state: State, before: Localizer, after: Localizer, now_ns: int, effects: list[Effect]) -> State:
     """What changed is said; a robot that finds itself somewhere plans anew."""
-    if after.why and after.why != before.why and "not_localized" in state.alarms:
+    news = (after.phase, after.searched) != (before.phase, before.searched)  # not after every search
+    if after.why and news and "not_localized" in state.alarms:
         effects.append(AlarmRaised(BY_CODE["not_localized"].level, "not_localized", after.why))
     if after.localized and not before.localized:
         return elsewhere(replace(state, place=after), now_ns)
