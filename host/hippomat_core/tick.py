@@ -18,10 +18,11 @@ from hippomat_core.control.navigator import forget_path, navigate
 from hippomat_core.control.recovery import DRIVE
 from hippomat_core.control.together import Together
 from hippomat_core.faults import with_faults
+from hippomat_core.fleet.peers import Peer, Placed
 from hippomat_core.localization import on_tick
 from hippomat_core.messages import BASE, Drive, Effect, GuardLimited, PathPlanned, PoseEstimated, Tick
 from hippomat_core.motion.commitment import may_start
-from hippomat_core.planning.reservations import PeerMotion, peer_motion
+from hippomat_core.planning.reservations import PeerMotion, body_only, peer_motion
 from hippomat_core.reactions import BY_CODE, Permissions, permissions
 from hippomat_core.state import NO_POINTS, State, elsewhere
 from hippomat_core.unsticking import unstuck, unworried
@@ -130,12 +131,18 @@ def peers_in_the_way(state: State, now_ns: int) -> list[PeerMotion]:
 
     One that is lost stands where it was: it counts as one that has been silent since.
     """
-    known = [(peer, peer.placed) for peer in state.fleet.peers if peer is not None]
     return [
-        peer_motion(peer.robot, placed.frame, (now_ns - placed.stamp_ns) / 1e9, placed.round, peer.agrees)
-        for peer, placed in known
+        _motion(state, peer, placed, now_ns)
+        for peer, placed in ((peer, peer.placed) for peer in state.fleet.peers if peer is not None)
         if placed is not None and (placed.frame is peer.frame or now_ns - placed.stamp_ns <= LOST_NS)
     ]
+
+
+def _motion(state: State, peer: Peer, placed: Placed, now_ns: int) -> PeerMotion:
+    """Of a robot with another map or other settings nothing counts but its body."""
+    agreed = peer.agrees and placed.frame.fleet_digest == state.fleet.digest
+    motion = peer_motion(peer.robot, placed.frame, (now_ns - placed.stamp_ns) / 1e9, placed.round)
+    return motion if agreed or state.ground is None else body_only(motion, state.ground.costmap.grid)
 
 
 def _seen(state: State) -> NDArray[np.float64]:

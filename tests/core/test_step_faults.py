@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 from fleet_world import FleetWorld, full_sweep, map_event, room
 
@@ -25,7 +26,16 @@ from hippomat_core.messages import (
 from hippomat_core.state import elsewhere
 from hippomat_core.step import initial_state, step
 from hippomat_core.tick import LOST_NS, heard_of_us, peers_in_the_way
-from hippomat_core.wire.frames import FLAG_LOCALIZED, FLAG_STOPPED, RESUME, STATE, STOP, Header, StopFrame
+from hippomat_core.wire.frames import (
+    FLAG_LOCALIZED,
+    FLAG_STOPPED,
+    RESUME,
+    STATE,
+    STOP,
+    AirClaim,
+    Header,
+    StopFrame,
+)
 
 
 def said(body, kind, since_ns=0):
@@ -220,6 +230,32 @@ def test_a_peer_that_is_found_again_is_where_it_says(pair):
     for flags, x_cm in [(FLAG_LOCALIZED, 100), (0, 0), (FLAG_LOCALIZED, 300)]:
         row_heard(pair, body, flags=flags, x_cm=x_cm)
     assert [peer.x_m for peer in body_peers(pair, body)] == [3.0]
+
+
+def test_what_a_robot_with_another_map_means_to_drive_is_not_looked_for_in_ours(pair):
+    body = pair.bodies[0]
+    ahead = just_ahead(body)
+    row_heard(pair, body, **ahead)
+    assert body_peers(pair, body)[0].promises
+    claim = AirClaim(1, 1, 0, 0, False, 1, 300, 300, 0, 0)
+    far = {"intent_ix": 3, "intent_iy": 90, "intent_steps": np.array([14, 14], np.uint8), "claim": claim}
+    row_heard(pair, body, **ahead, **far, fleet_digest=0xBAD)
+    (peer,) = body_peers(pair, body)
+    assert peer.intent.tolist() == [list(pair.grid.cell_of(peer.x_m, peer.y_m))]
+    assert peer.destination is None
+    assert not peer.promises
+    row_heard(pair, body, **{**ahead, "x_cm": 20_000})
+    row_heard(pair, body, **{**ahead, "x_cm": 20_000}, fleet_digest=0xBAD)
+    assert body_peers(pair, body)[0].x_m == 200.0
+    pair.run(0.2)  # a place that our map does not have is no fault
+
+
+def test_a_lost_peers_promise_was_made_in_the_map_it_had_then(pair):
+    body = pair.bodies[0]
+    row_heard(pair, body, **just_ahead(body), fleet_digest=0xBAD)
+    row_heard(pair, body, flags=0)
+    (peer,) = body_peers(pair, body)
+    assert not peer.promises
 
 
 def body_peers(world, body):
