@@ -11,10 +11,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hippomat_core.control.navigator import forget_path
+from hippomat_core.config import Config
 from hippomat_core.mapping import with_answer
 from hippomat_core.mapping import with_sweep as charted
-from hippomat_core.messages import WARNING, AlarmRaised, Effect, Localized, LoopsClosed, ScanReceived
+from hippomat_core.messages import (
+    WARNING,
+    AlarmCleared,
+    AlarmRaised,
+    Effect,
+    Localized,
+    LoopsClosed,
+    ScanReceived,
+)
 from hippomat_core.planning.ground import Ground
 from hippomat_core.reactions import BY_CODE
 from hippomat_core.slam.localizer import (
@@ -29,14 +37,22 @@ from hippomat_core.slam.localizer import (
 from hippomat_core.slam.masking import masked
 from hippomat_core.slam.pose2 import compose
 from hippomat_core.slam.sweep import deskewed
-from hippomat_core.state import State
+from hippomat_core.state import State, elsewhere
 from hippomat_core.wire.frames import FLAG_LOCALIZED
+
+LOOPS_OPEN = "loops_open"
+
+
+def localizes(config: Config) -> bool:
+    """Whether the robot finds itself in a map, once it has one, with a lidar of its own."""
+    ros = config.ros
+    return config.robot.id >= 0 and config.slam.mode == "auto" and not (ros.localizes or ros.scans)
 
 
 def on_map(state: State, ground: Ground, now_ns: int) -> State:
     """With a map that is new, or changed: the pose in it is what it was before, and has to be checked."""
     config = state.config
-    if state.observes or config.slam.mode != "auto" or config.ros.localizes or config.ros.scans:
+    if not localizes(config):
         return replace(state, place=None)
     saved = saved_map(ground.costmap, config.robot.radius_m)
     if state.place is not None:
@@ -53,8 +69,8 @@ def on_sweep(state: State, event: ScanReceived, effects: list[Effect]) -> State:
         return state
     points, odom, at_ns = deskewed(event, state.sweeps, state.odometry, state.config.lidar)
     if state.charting is not None:
-        shown = masked(points, state.pose, _peers_m(state, event.stamp_ns), state.config.robot.radius_m)
-        return replace(state, charting=charted(state.charting, event, (shown, odom, at_ns), effects))
+        # Peers are not left out: their poses are told in a map that we do not have.
+        return replace(state, charting=charted(state.charting, event, (points, odom, at_ns), effects))
     assert before is not None
     shown = points
     if before.localized:
@@ -62,7 +78,7 @@ def on_sweep(state: State, event: ScanReceived, effects: list[Effect]) -> State:
         shown = masked(points, pose, _peers_m(state, event.stamp_ns), state.config.robot.radius_m)
     after = with_sweep(before, Seen(shown, odom), event.stamp_ns)
     effects.append(_record(after, at_ns, len(points) - len(shown)))
-    return _told(state, before, after, effects)
+    return _told(state, before, after, event.stamp_ns, effects)
 
 
 def on_loops_closed(state: State, event: LoopsClosed) -> tuple[State, tuple[Effect, ...]]:
@@ -70,24 +86,30 @@ def on_loops_closed(state: State, event: LoopsClosed) -> tuple[State, tuple[Effe
     if state.charting is None:
         return state, ()
     effects: list[Effect] = []
-    if event.text:
-        effects.append(AlarmRaised(WARNING, "loops_open", f"loops of the map are not closed: {event.text}"))
-    state = replace(state, charting=with_answer(state.charting, event, effects))
-    return state, tuple(effects)
+    alarms, raised = state.alarms, LOOPS_OPEN in state.alarms
+    if event.text and not raised:
+        effects.append(AlarmRaised(WARNING, LOOPS_OPEN, f"loops of the map are not closed: {event.text}"))
+        alarms |= {LOOPS_OPEN}
+    if raised and not event.text:
+        effects.append(AlarmCleared(LOOPS_OPEN))
+        alarms -= {LOOPS_OPEN}
+    charting = with_answer(state.charting, event, effects)
+    return replace(state, charting=charting, alarms=alarms), tuple(effects)
 
 
 def on_tick(state: State, now_ns: int, effects: list[Effect]) -> State:
     """A search of the whole map goes on, where there is one."""
     before = state.place
-    return state if before is None else _told(state, before, with_work(before, now_ns), effects)
+    return state if before is None else _told(state, before, with_work(before, now_ns), now_ns, effects)
 
 
-def _told(state: State, before: Localizer, after: Localizer, effects: list[Effect]) -> State:
+def _told(state: State, before: Localizer, after: Localizer, now_ns: int, effects: list[Effect]) -> State:
     """What changed is said; a robot that finds itself somewhere plans anew."""
-    if after.why and after.why != before.why and "not_localized" in state.alarms:
+    news = (after.phase, after.searched) != (before.phase, before.searched)  # not after every search
+    if after.why and news and "not_localized" in state.alarms:
         effects.append(AlarmRaised(BY_CODE["not_localized"].level, "not_localized", after.why))
     if after.localized and not before.localized:
-        return replace(state, place=after, navigator=forget_path(state.navigator), outcome=None)
+        return elsewhere(replace(state, place=after), now_ns)
     return replace(state, place=after)
 
 

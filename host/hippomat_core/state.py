@@ -92,6 +92,9 @@ class State:
     fleet: FleetState
     odometry: Odometry
     started_ns: int = NEVER
+    placed_ns: int = (
+        NEVER  # until then the pose was not known, or another: nothing of before says where we are
+    )
     ports: tuple[bool, bool, bool] = (False, False, False)  # radio, base, lidar
     ros: RosFeed = field(default_factory=RosFeed)
     radio: RadioHealth = field(default_factory=RadioHealth)
@@ -165,6 +168,15 @@ def initial_state(config: Config, policy: bytes | None = None) -> State:
         odometry=Odometry(robot.start_x_m, robot.start_y_m, robot.start_yaw_rad),
         charting=first_charting(config) if config.slam.mode == "map" else None,
     )
+
+
+def elsewhere(state: State, now_ns: int) -> State:
+    """The pose is not known, or not the one it was: what is remembered in its frame holds no more.
+
+    Nor do the peers know of us: what they heard of us was another place, or none.
+    """
+    navigator = replace(state.navigator.without_path(), heard=False, marks=())
+    return replace(state, placed_ns=now_ns, navigator=navigator, outcome=None, recovery=Recovery())
 
 
 def merged_stop(stop: Stop, header: Header, frame: StateFrame, agrees: bool) -> Stop:

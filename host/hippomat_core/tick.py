@@ -18,16 +18,18 @@ from hippomat_core.control.navigator import forget_path, navigate
 from hippomat_core.control.recovery import DRIVE
 from hippomat_core.control.together import Together
 from hippomat_core.faults import with_faults
+from hippomat_core.fleet.peers import Peer, Placed
 from hippomat_core.localization import on_tick
 from hippomat_core.messages import BASE, Drive, Effect, GuardLimited, PathPlanned, PoseEstimated, Tick
 from hippomat_core.motion.commitment import may_start
-from hippomat_core.planning.reservations import PeerMotion, peer_motion
+from hippomat_core.planning.reservations import PeerMotion, body_only, peer_motion
 from hippomat_core.reactions import BY_CODE, Permissions, permissions
-from hippomat_core.state import NO_POINTS, State
+from hippomat_core.state import NO_POINTS, State, elsewhere
 from hippomat_core.unsticking import unstuck, unworried
-from hippomat_core.wire.frames import FLAG_LOCALIZED
 
 ALONE_S = 3.0  # of silence since the start: there is nobody who has to hear of us first
+HEARD_ROUNDS = 3  # as long may what a peer says it heard of us be a STATE from before we were placed
+LOST_NS = 60_000_000_000  # a peer that is lost for longer may have been carried anywhere
 
 
 def tick(state: State, event: Tick) -> Stepped:
@@ -41,6 +43,8 @@ def tick(state: State, event: Tick) -> Stepped:
     if not state.observes and state.ports[BASE]:
         state = _drive(state, now_ns, allowed, effects)
         effects.append(PoseEstimated(*state.pose, *state.velocity, state.pose_source))
+    if any(code == "not_localized" for code, _ in state.faults):
+        state = elsewhere(state, now_ns)
     return state, tuple(effects)
 
 
@@ -107,26 +111,41 @@ def _together(state: State, now_ns: int) -> Together | None:
     """Where the fleet plans its moves together: what round it is, and whether the others know of us."""
     if state.ground is None or state.ground.lattice is None:
         return None
+    claim = state.fleet.own_claim
+    claim_round = 0 if claim is None else claim.on_air(0.0).round
+    return Together(state.ground.lattice, state.fleet.clock.round, claim_round, heard_of_us(state, now_ns))
+
+
+def heard_of_us(state: State, now_ns: int) -> bool:
+    """Whether all peers that we hear have heard of us where we are now; after a silence, we are alone."""
     me, fresh_ns = state.config.robot.id, int(state.config.planning.peer_stale_s * 1e9)
+    known_ns = state.placed_ns + HEARD_ROUNDS * state.fleet.timing.round_ns
     heard_by = [
-        bool(peer.frame.heard >> me & 1)
+        bool(peer.frame.heard >> me & 1) and peer.stamp_ns > known_ns
         for peer in state.fleet.peers
         if peer is not None and now_ns - peer.stamp_ns <= fresh_ns
     ]
-    alone_s = (now_ns - state.started_ns) / 1e9
-    claim = state.fleet.own_claim
-    claim_round = 0 if claim is None else claim.on_air(0.0).round
-    known = may_start(heard_by, alone_s, ALONE_S)
-    return Together(state.ground.lattice, state.fleet.clock.round, claim_round, known)
+    alone_s = (now_ns - max(state.started_ns, state.placed_ns)) / 1e9
+    return may_start(heard_by, alone_s, ALONE_S)
 
 
 def peers_in_the_way(state: State, now_ns: int) -> list[PeerMotion]:
-    """Every peer that knows where it is, of whatever digest; the others are left to the scan."""
+    """Every peer that knows, or lately knew, where it is; the others are left to the scan.
+
+    One that is lost stands where it was: it counts as one that has been silent since.
+    """
     return [
-        peer_motion(peer.robot, peer.frame, (now_ns - peer.stamp_ns) / 1e9, peer.round, peer.agrees)
-        for peer in state.fleet.peers
-        if peer is not None and peer.frame.flags & FLAG_LOCALIZED
+        _motion(state, peer, placed, now_ns)
+        for peer, placed in ((peer, peer.placed) for peer in state.fleet.peers if peer is not None)
+        if placed is not None and (placed.frame is peer.frame or now_ns - placed.stamp_ns <= LOST_NS)
     ]
+
+
+def _motion(state: State, peer: Peer, placed: Placed, now_ns: int) -> PeerMotion:
+    """Of a robot with another map or other settings nothing counts but its body."""
+    agreed = peer.agrees and placed.frame.fleet_digest == state.fleet.digest
+    motion = peer_motion(peer.robot, placed.frame, (now_ns - placed.stamp_ns) / 1e9, placed.round)
+    return motion if agreed or state.ground is None else body_only(motion, state.ground.costmap.grid)
 
 
 def _seen(state: State) -> NDArray[np.float64]:

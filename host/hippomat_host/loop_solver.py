@@ -29,26 +29,37 @@ class LoopSolver:
     """One question at a time; close() when done."""
 
     def __init__(self) -> None:
-        context = get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs,), name="hippomat loops", daemon=True)
-        self._process.start()
-        theirs.close()
+        self._asked = False
+        self._begin()
+
+    @property
+    def pid(self) -> int:
+        """Of the process; another one after it ended."""
+        assert self._process.pid is not None
+        return self._process.pid
 
     def ask(self, charting: Charting) -> None:
         """Close the loops of this map."""
+        if not self._process.is_alive():
+            self.close()
+            self._begin()
         mapper = charting.mapper
-        with contextlib.suppress(OSError):  # it died: answer() says so
+        self._asked = True
+        with contextlib.suppress(OSError):  # it died just now: answer() says so
             self._pipe.send((mapper.graph, mapper.epoch, mapper.settings))
 
     def answer(self, now_ns: int) -> LoopsClosed | None:
-        """The answer, once it is there."""
+        """The answer, once it is there; that there will be none, too."""
+        if not self._asked:
+            return None
         try:
             if not self._pipe.poll():
                 return None
             solution, text = self._pipe.recv()
         except (OSError, EOFError):
-            return None
+            self._process.join(END_S)
+            solution, text = None, f"the solver ended (exit code {self._process.exitcode})"
+        self._asked = False
         return failed_answer(text, now_ns) if solution is None else answer_of(solution, now_ns)
 
     def close(self) -> None:
@@ -57,6 +68,13 @@ class LoopSolver:
         self._process.join(END_S)
         if self._process.is_alive():
             self._process.terminate()
+
+    def _begin(self) -> None:
+        context = get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs,), name="hippomat loops", daemon=True)
+        self._process.start()
+        theirs.close()
 
 
 def _serve(pipe: Connection) -> None:
@@ -67,11 +85,14 @@ def _serve(pipe: Connection) -> None:
     with contextlib.suppress(EOFError, OSError):
         while True:
             question: Question = pipe.recv()
-            pipe.send(_answered(*question))
+            pipe.send(answered(*question))
 
 
-def _answered(graph: PoseGraph, epoch: int, settings: MapperSettings) -> Answer:
+def answered(graph: PoseGraph, epoch: int, settings: MapperSettings) -> Answer:
+    """Loops closed, or why not: the mapping goes on either way."""
     try:
         return close_loops(graph, epoch, settings), ""
     except HippomatError as error:
         return None, str(error)
+    except Exception as error:  # GTSAM raises RuntimeError for what it cannot solve, and more
+        return None, f"{type(error).__name__}: {error}"

@@ -16,8 +16,10 @@ from pathlib import Path
 from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.errors import ConfigError, HippomatError
+from hippomat_core.localization import localizes
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import BASE, LIDAR, RADIO
+from hippomat_core.slam.gtsam_solver import load_gtsam
 from hippomat_host.acceptance import accept, greeting_of
 from hippomat_host.advice import Given
 from hippomat_host.clock import adopt
@@ -55,6 +57,8 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
     )  # a robot behind ROS is taken for a real one
     if lockstep is None and adopt([path for path in behind if path]):
         print("the clock is a simulator's", flush=True)
+    if config.slam.mode == "map" and lockstep is None:
+        load_gtsam()
     policy = policy_of(config.fleet)
     grid = map_from(given.map) if given.map else None
     if grid is not None and config.robot.start_known:
@@ -64,7 +68,7 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
             print(f"earlier log {line}", flush=True)
     prepare_allocator(config.fleet, policy, partial(print, flush=True))
     prepare_control(config, partial(print, flush=True))
-    if grid is not None and config.slam.mode == "auto" and not given.observes:
+    if localizes(config) and (grid is not None or config.ros.maps):
         prepare_localizer(partial(print, flush=True))
     if config.slam.mode == "map":
         prepare_mapper(partial(print, flush=True))

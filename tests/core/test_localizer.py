@@ -14,13 +14,14 @@ from lidar_world import SAMPLES, SWEEP_NS, LidarWorld, flat, ranges
 
 from hippomat_core.config import LidarConfig, SlamConfig
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.messages import BaseFeedback, ScanReceived
+from hippomat_core.messages import AlarmRaised, BaseFeedback, ScanReceived, Tick
 from hippomat_core.planning.costmap import inflate
-from hippomat_core.slam.localizer import LOCALIZED, Seen, first_localizer, saved_map, with_sweep
+from hippomat_core.slam.localizer import LOCALIZED, LOST, Hunt, Seen, first_localizer, saved_map, with_sweep
 from hippomat_core.slam.masking import masked
 from hippomat_core.slam.odometry import Odometry, moved
 from hippomat_core.slam.pose2 import apart, between, compose, inverse
 from hippomat_core.slam.poses import placed
+from hippomat_core.slam.relocalize import begun
 from hippomat_core.slam.scan_fit import scan_fit
 from hippomat_core.slam.steady_clock import SteadyClock
 from hippomat_core.slam.sweep import SAMPLE_NS, deskewed
@@ -269,6 +270,37 @@ def test_a_robot_that_was_carried_says_so_stops_and_finds_itself_again():
     world.drive(6.0)
     assert world.localized
     assert world.error_m < 0.05
+
+
+def test_nothing_of_where_a_robot_believed_to_be_outlives_its_being_lost():
+    world = LidarWorld(FLAT, (2.0, 2.5, 1.0), (2.0, 2.5, 1.0)).drive(4.0, 0.1)
+    assert world.localized
+    assert world.state.recovery.trail
+    navigator = replace(world.state.navigator, heard=True, marks=((2.0, 2.5, 10**18),))
+    world.state = replace(world.state, navigator=navigator)
+    world.carry((4.6, 4.0, -2.0))
+    world.drive(8.5)
+    assert world.localized
+    assert all(math.dist(place, world.pose[:2]) < 0.3 for place in world.state.recovery.trail)
+    assert not world.state.navigator.heard
+    assert not world.state.navigator.marks
+    assert world.state.placed_ns > 4 * 10**9
+
+
+def test_a_robot_that_searches_in_vain_says_so_after_the_first_search_and_not_after_every_one():
+    world = LidarWorld(FLAT, (2.0, 2.5, 1.0), (2.0, 2.5, 1.0)).drive(5.0)
+    world.carry((4.6, 4.0, -2.0))
+    world.drive(2.0)
+    assert world.state.place.phase == LOST
+    seen = Seen(np.zeros((0, 2)), (0.0, 0.0, 0.0))
+    for score in (0.3, 0.4, 0.5):  # of the best place that the search found
+        hunt = Hunt(seen, begun(SAVED.pyramid, seen.points), (), ((score, (1.0, 1.0, 0.0)),))
+        world.state = replace(world.state, place=replace(world.state.place, hunt=hunt))
+        world.feed(Tick(world.now_ns))
+    raised = [e.text for e in world.effects if isinstance(e, AlarmRaised) and e.code == "not_localized"]
+    assert len(raised) == 2, raised
+    assert "looking for the robot" in raised[0]
+    assert "best score 0.30" in raised[1]
 
 
 def test_without_a_start_pose_a_robot_is_found_in_the_whole_map():

@@ -10,7 +10,7 @@ from lidar_world import LidarWorld, flat
 
 from hippomat_core.config import SlamConfig
 from hippomat_core.mapping import answer_of, failed_answer
-from hippomat_core.messages import AlarmRaised, LoopsDue, MapDrawn, PoseEstimated
+from hippomat_core.messages import AlarmCleared, AlarmRaised, LoopsDue, MapDrawn, PoseEstimated
 from hippomat_core.slam.loop_closing import close_loops
 from hippomat_core.slam.pose2 import apart
 
@@ -108,6 +108,17 @@ def test_an_answer_that_failed_is_an_alarm_and_the_next_question_comes(mapped):
     assert "GTSAM" in of(world, AlarmRaised)[-1].text
     assert not world.state.charting.asked
     assert world.state.charting.mapper is mapped.state.charting.mapper
+
+
+def test_answers_that_fail_one_after_the_other_are_one_alarm_until_one_succeeds(mapped):
+    pytest.importorskip("gtsam")
+    world, mapper = replace_world(mapped), mapped.state.charting.mapper
+    told = len(world.effects)
+    for _ in range(3):
+        world.feed(failed_answer("the solver ended", world.now_ns))
+    world.feed(answer_of(close_loops(mapper.graph, mapper.epoch, mapper.settings), world.now_ns))
+    alarms = [e for e in world.effects[told:] if getattr(e, "code", "") == "loops_open"]
+    assert [type(alarm) for alarm in alarms] == [AlarmRaised, AlarmCleared]
 
 
 def test_an_answer_that_nobody_asked_for_changes_nothing():

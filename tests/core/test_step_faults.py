@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 from fleet_world import FleetWorld, full_sweep, map_event, room
 
@@ -22,9 +23,19 @@ from hippomat_core.messages import (
     StateHeard,
     StopHeard,
 )
+from hippomat_core.state import elsewhere
 from hippomat_core.step import initial_state, step
-from hippomat_core.tick import peers_in_the_way
-from hippomat_core.wire.frames import FLAG_STOPPED, RESUME, STATE, STOP, Header, StopFrame
+from hippomat_core.tick import LOST_NS, heard_of_us, peers_in_the_way
+from hippomat_core.wire.frames import (
+    FLAG_LOCALIZED,
+    FLAG_STOPPED,
+    RESUME,
+    STATE,
+    STOP,
+    AirClaim,
+    Header,
+    StopFrame,
+)
 
 
 def said(body, kind, since_ns=0):
@@ -164,15 +175,87 @@ def test_what_the_lidar_is_too_near_to_see_is_remembered_while_the_robot_stays_n
     assert len(body.state.scan.points) == 0
 
 
-def test_a_peer_that_does_not_know_where_it_is_stands_in_nobodys_way(pair):
-    body = pair.bodies[0]
+def test_a_robot_that_was_found_elsewhere_waits_until_peers_have_heard_of_it_there():
+    world = FleetWorld(2)
+    world.run(6.0)
+    body = world.bodies[0]
+    row_heard(world, body, heard=1)
+    assert heard_of_us(body.state, world.now_ns)
+    body.state = elsewhere(body.state, world.now_ns + 1)
+    assert not heard_of_us(body.state, world.now_ns + 1)
+    row_heard(world, body, heard=1)  # it may still mean the place before
+    assert not heard_of_us(body.state, world.now_ns + 1)
+    world.now_ns += 10**9
+    assert not heard_of_us(body.state, world.now_ns)
+    row_heard(world, body, heard=1)
+    assert heard_of_us(body.state, world.now_ns + 10**7)
+
+
+def just_ahead(body, away_m=0.26):
+    """The fields of a STATE that stands in front of the body."""
     x_m, y_m, yaw_rad = body.state.pose
-    ahead = {"x_cm": round(100 * (x_m + 0.26 * math.cos(yaw_rad))), "speed_2cmps": 0}
-    ahead["y_cm"] = round(100 * (y_m + 0.26 * math.sin(yaw_rad)))
+    x_cm = round(100 * (x_m + away_m * math.cos(yaw_rad)))
+    return {"x_cm": x_cm, "y_cm": round(100 * (y_m + away_m * math.sin(yaw_rad))), "speed_2cmps": 0}
+
+
+def test_a_peer_that_never_knew_where_it_is_stands_in_nobodys_way():
+    world = FleetWorld(2)
+    world.run(2.0)
+    body = world.bodies[0]
+    nobody = dataclasses.replace(body.state.fleet, peers=(None, None))
+    body.state = dataclasses.replace(body.state, fleet=nobody)
+    row_heard(world, body, flags=0)
+    assert not body_peers(world, body)
+
+
+def test_a_peer_that_gets_lost_stays_where_it_was_for_as_long_as_nobody_can_have_carried_it_far(pair):
+    body = pair.bodies[0]
+    ahead = just_ahead(body)
     row_heard(pair, body, **ahead)
-    assert [peer.x_m for peer in body_peers(pair, body)] == [ahead["x_cm"] / 100]
-    row_heard(pair, body, **ahead, flags=0)
+    told = body_peers(pair, body)
+    since_ns = pair.now_ns
+    for _ in range(3):
+        pair.now_ns += 2 * 10**8
+        row_heard(pair, body, **{**ahead, "x_cm": 0, "y_cm": 0}, flags=0)
+    (peer,) = body_peers(pair, body)
+    assert (peer.x_m, peer.y_m) == (ahead["x_cm"] / 100, ahead["y_cm"] / 100)
+    assert peer.intent.tolist() == told[0].intent.tolist()
+    assert peer.age_s == pytest.approx(told[0].age_s + 0.6), "as of one that fell silent"
+    pair.now_ns = since_ns + LOST_NS
     assert not body_peers(pair, body)
+
+
+def test_a_peer_that_is_found_again_is_where_it_says(pair):
+    body = pair.bodies[0]
+    for flags, x_cm in [(FLAG_LOCALIZED, 100), (0, 0), (FLAG_LOCALIZED, 300)]:
+        row_heard(pair, body, flags=flags, x_cm=x_cm)
+    assert [peer.x_m for peer in body_peers(pair, body)] == [3.0]
+
+
+def test_what_a_robot_with_another_map_means_to_drive_is_not_looked_for_in_ours(pair):
+    body = pair.bodies[0]
+    ahead = just_ahead(body)
+    row_heard(pair, body, **ahead)
+    assert body_peers(pair, body)[0].promises
+    claim = AirClaim(1, 1, 0, 0, False, 1, 300, 300, 0, 0)
+    far = {"intent_ix": 3, "intent_iy": 90, "intent_steps": np.array([14, 14], np.uint8), "claim": claim}
+    row_heard(pair, body, **ahead, **far, fleet_digest=0xBAD)
+    (peer,) = body_peers(pair, body)
+    assert peer.intent.tolist() == [list(pair.grid.cell_of(peer.x_m, peer.y_m))]
+    assert peer.destination is None
+    assert not peer.promises
+    row_heard(pair, body, **{**ahead, "x_cm": 20_000})
+    row_heard(pair, body, **{**ahead, "x_cm": 20_000}, fleet_digest=0xBAD)
+    assert body_peers(pair, body)[0].x_m == 200.0
+    pair.run(0.2)  # a place that our map does not have is no fault
+
+
+def test_a_lost_peers_promise_was_made_in_the_map_it_had_then(pair):
+    body = pair.bodies[0]
+    row_heard(pair, body, **just_ahead(body), fleet_digest=0xBAD)
+    row_heard(pair, body, flags=0)
+    (peer,) = body_peers(pair, body)
+    assert not peer.promises
 
 
 def body_peers(world, body):

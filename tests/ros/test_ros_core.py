@@ -232,6 +232,16 @@ def test_a_jump_of_the_localization_does_not_move_what_the_guard_sees():
     assert robot.state.scan.points == pytest.approx(seen)
 
 
+@pytest.mark.parametrize(("x_m", "forgotten"), [(0.1, False), (2.0, True)])
+def test_only_where_localization_puts_the_robot_elsewhere_it_forgets_the_places_it_passed(x_m, forgotten):
+    robot = running()
+    passed = Recovery(trail=((9.0, 9.0),))
+    robot.state = replace(robot.state, recovery=passed)
+    robot.give(transform("map", "odom", 5000, (x_m, 0.0, 0.0), ahead_ms=1000))
+    assert (robot.state.recovery is not passed) == forgotten
+    assert (robot.state.placed_ns == 5000 * MS) == forgotten
+
+
 def test_a_restart_of_the_odometry_is_said_and_its_scan_not_used():
     robot = running()
     said = alarms(robot.give(transform("odom", "base_link", 5000, (-3.0, 0.0, 0.0))))

@@ -56,7 +56,18 @@ def heard_state(fleet: FleetState, stamp_ns: int, header: Header, frame: StateFr
         return fleet, []
     agrees = frame.fleet_digest == fleet.digest and _fits(fleet, frame)
     number = header.fleet_time_us // fleet.timing.round_us
-    peer = Peer(sender, stamp_ns, stamp_ns, header.boot, header.sequence, rssi_dbm, frame, agrees, number)
+    peer = Peer(
+        sender,
+        stamp_ns,
+        stamp_ns,
+        header.boot,
+        header.sequence,
+        rssi_dbm,
+        frame,
+        agrees,
+        number,
+        before=None if known is None else known.placed,
+    )
     before = fleet.row(sender)
     fleet, effects = _digest_alarm(fleet, peer)
     effects += claim_news(before, newest_row(peer, None))

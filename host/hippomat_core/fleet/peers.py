@@ -8,9 +8,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hippomat_core.fleet.votes import ClaimId, claim_of
-from hippomat_core.wire.frames import Header, StateFrame
+from hippomat_core.wire.frames import FLAG_LOCALIZED, Header, StateFrame
 
 _SEQUENCES = 1 << 24
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """The last STATE of a robot that knew where it was."""
+
+    stamp_ns: int  # when it was heard
+    frame: StateFrame
+    round: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +36,14 @@ class Peer:
     agrees: bool  # its fleet digest is ours
     round: int  # of fleet time, in which it was sent
     live: bool = True  # False: unheard for T_dead, its claim has expired
+    before: Placed | None = None  # while it does not know where it is: when it last did
+
+    @property
+    def placed(self) -> Placed | None:
+        """Where it last knew that it is."""
+        if self.frame.flags & FLAG_LOCALIZED:
+            return Placed(self.stamp_ns, self.frame, self.round)
+        return self.before
 
     @property
     def claim(self) -> ClaimId | None:

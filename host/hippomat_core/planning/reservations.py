@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,9 +45,7 @@ class PeerMotion:
     promises: bool = True  # it is of our fleet: its intent is all that it has committed itself to
 
 
-def peer_motion(
-    robot: int, frame: StateFrame, age_s: float, sent_round: int = -1, promises: bool = True
-) -> PeerMotion:
+def peer_motion(robot: int, frame: StateFrame, age_s: float, sent_round: int = -1) -> PeerMotion:
     """A peer's STATE, sent in sent_round and heard age_s ago, as motion.
 
     A STATE is composed at the end of the round before, and then tells what was decided up to that end.
@@ -63,8 +61,13 @@ def peer_motion(
         destination=None if claim.slot == NO_SLOT else (claim.x_cm / 100.0, claim.y_cm / 100.0),
         told_round=sent_round - 2,
         claim_round=claim.round,
-        promises=promises,
     )
+
+
+def body_only(peer: PeerMotion, grid: OccupancyGrid) -> PeerMotion:
+    """Of another map's robot: an obstacle where it says it is; its cells and goal mean nothing here."""
+    cell = np.array([grid.cell_of(peer.x_m, peer.y_m)], np.int32)
+    return replace(peer, intent=cell, destination=None, promises=False)
 
 
 def encode_intent(cells: Cells) -> tuple[int, int, NDArray[np.uint8]]:

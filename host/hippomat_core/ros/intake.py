@@ -5,6 +5,7 @@ step.py and faults.py come here for all that concerns ROS. What the messages mea
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -29,10 +30,12 @@ from hippomat_core.ros.feed import (
     with_scan,
     with_transform,
 )
-from hippomat_core.state import Scan, State
+from hippomat_core.slam.pose2 import Pose, apart
+from hippomat_core.state import Scan, State, elsewhere
 
 NO_MOUNT = "scan_frame"
 PATIENCE_SCANS = 10
+RELOCATED_M, RELOCATED_RAD = 0.5, math.radians(20.0)
 Stepped = tuple[State, tuple[Effect, ...]]
 
 
@@ -48,8 +51,10 @@ def ros_lost(state: State) -> State:
 
 
 def transform(state: State, event: TransformReceived) -> Stepped:
-    jumps = state.ros.jumps
+    jumps, before = state.ros.jumps, state.external_pose
     state = _with_feed(state, with_transform(state.ros, event, state.config.ros))
+    if _jumped(before, state.external_pose):
+        state = elsewhere(state, event.stamp_ns)
     if state.ros.jumps == jumps:
         return state, ()
     text = "the odometry from ROS jumped, as after a restart of its node: does localization find the robot?"
@@ -126,6 +131,14 @@ def _with_feed(state: State, feed: RosFeed) -> State:
     known = state.external_pose is not None
     state = replace(state, ros=feed)
     return state if known == (state.external_pose is not None) else replace(state, scan=None)
+
+
+def _jumped(before: Pose | None, after: Pose | None) -> bool:
+    """Localization put the robot elsewhere; a correction while it drives is smaller."""
+    if before is None or after is None:
+        return before is not after
+    away_m, turn_rad = apart(before, after)
+    return away_m > RELOCATED_M or turn_rad > RELOCATED_RAD
 
 
 def _with_lidar(state: State, is_open: bool) -> State:

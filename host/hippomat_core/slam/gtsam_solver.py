@@ -22,7 +22,7 @@ def solved_poses(poses: NDArray[np.float64], steps: Links, loops: Links) -> NDAr
 
     Raises ConfigError where GTSAM is not installed.
     """
-    gtsam = _gtsam()
+    gtsam = load_gtsam()
     graph, start = gtsam.NonlinearFactorGraph(), gtsam.Values()
     for k, pose in enumerate(poses):
         start.insert(k, gtsam.Pose2(*pose))
@@ -43,7 +43,8 @@ def _add(gtsam: Any, graph: Any, links: Links, robust: Any) -> None:
         graph.add(gtsam.BetweenFactorPose2(first, second, gtsam.Pose2(*links.motion[k]), noise))
 
 
-def _gtsam() -> Any:
+def load_gtsam() -> Any:
+    """The module. Raises ConfigError where it is not installed."""
     try:
         import gtsam
     except ImportError as error:

@@ -34,6 +34,7 @@ WIDEST = Search(0.4, math.radians(15.0))
 # A place could be it as well whose misfit is below 2.5 times the best one's (plus 0.02) and it plus 0.12.
 ALIKE, SLACK, BEHIND = 2.5, 0.02, 0.12
 SAME_M, SAME_RAD = 0.5, math.radians(20.0)  # two poses nearer than this are one place
+LOOKING = "looking for the robot in the whole map"
 NEVER = -1
 NO_FIT = ScanFit(0, 0, 0)
 
@@ -88,6 +89,11 @@ class Localizer:
     def localized(self) -> bool:
         return self.phase == LOCALIZED
 
+    @property
+    def searched(self) -> bool:
+        """It is lost, and a search of the whole map did not help."""
+        return self.phase == LOST and not self.why.endswith(LOOKING)
+
 
 def saved_map(costmap: Costmap, body_m: float) -> SavedMap:
     """body_m: the robot's radius."""
@@ -102,7 +108,7 @@ def first_localizer(
         why = "the scan has not been compared with the map at the start pose yet"
         start = at_start(odom, *START_SIGMA)
         return Localizer(saved, lidar, config, CHECKING, now_ns, why, estimate=start, odom=odom)
-    why = "no start pose was given: looking for the robot in the whole map"
+    why = f"no start pose was given: {LOOKING}"
     return Localizer(saved, lidar, config, LOST, now_ns - RETRY_NS, why)
 
 
@@ -190,7 +196,7 @@ def _fit(localizer: Localizer, seen: Seen, pose: Pose) -> ScanFit:
 
 
 def _lost(localizer: Localizer, stamp_ns: int, why: str) -> Localizer:
-    why = f"{why}: looking for the robot in the whole map"
+    why = f"{why}: {LOOKING}"
     return replace(localizer, phase=LOST, phase_ns=stamp_ns - RETRY_NS, why=why, agreeing=0, hunt=None)
 
 
