@@ -16,17 +16,17 @@ EXAMPLE = (Path(__file__).resolve().parents[2] / "fleet.toml").read_text(encodin
 def test_the_example_in_the_repository_gives_every_robot_its_own_settings():
     roster = parse_roster(EXAMPLE)
     assert roster.map == "lab.yaml"
-    configs = [config_from_dict(roster.settings(robot)) for robot in range(3)]
-    assert [config.robot.id for config in configs] == [0, 1, 2]
-    assert {config.fleet.size for config in configs} == {3}
-    assert [config.limits.speed_mps for config in configs] == [0.2, 0.2, 0.4]
+    configs = [config_from_dict(roster.settings(robot)) for robot in range(4)]
+    assert [config.robot.id for config in configs] == [0, 1, 2, 3]
+    assert {config.fleet.size for config in configs} == {4}
+    assert [config.limits.speed_mps for config in configs] == [0.2, 0.2, 0.4, 0.2]
     assert (configs[2].robot.start_x_m, configs[2].robot.start_yaw_rad) == (3.0, 3.14)
     assert all(config.robot.start_known for config in configs)
 
 
 def test_robots_share_what_the_fleet_must_agree_on():
     roster = parse_roster(EXAMPLE)
-    assert len({config_from_dict(roster.settings(robot)).fleet for robot in range(3)}) == 1
+    assert len({config_from_dict(roster.settings(robot)).fleet for robot in range(4)}) == 1
 
 
 def test_a_robot_without_a_start_has_to_look_for_itself():
@@ -37,7 +37,7 @@ def test_a_robot_without_a_start_has_to_look_for_itself():
 
 def test_an_observer_gets_the_fleet_and_is_no_robot():
     config = config_from_dict(parse_roster(EXAMPLE).settings(-1))
-    assert (config.robot.id, config.fleet.size) == (-1, 3)
+    assert (config.robot.id, config.fleet.size) == (-1, 4)
 
 
 def test_later_settings_win_key_by_key():
