@@ -83,7 +83,7 @@ def test_making_a_map_with_ros_behind_map_or_lidar_is_refused(tmp_path: Path, of
     with pytest.raises(ConfigError, match=rf"mode = \"map\" .* \[ros\] {said}\b.*; .*--lidar DEV"):
         understood("--slam", "--config", str(settings))
     settings.write_text("[ros]\nmap = false\nlidar = false\n")
-    assert understood("--slam", "--config", str(settings))[0].slam.mode == "map"
+    assert understood("--slam", "--lidar", "/dev/l", "--config", str(settings))[0].slam.mode == "map"
     assert understood("--slam", "--map", "lab.yaml")[0].slam.mode == "auto"
 
 
