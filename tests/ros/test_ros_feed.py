@@ -15,7 +15,8 @@ from hippomat_core.config import RosConfig
 from hippomat_core.messages import OdometryReceived
 from hippomat_core.ros.clock import BACK, RosClock
 from hippomat_core.ros.feed import RosFeed, with_odometry, with_scan, with_transform
-from hippomat_core.ros.transforms import HERE, Rigid, Transforms, composed
+from hippomat_core.ros.transforms import HERE, Rigid, Transforms
+from hippomat_core.slam.pose2 import compose
 
 ROS = RosConfig(url="ws://x")
 angles = st.floats(-3.1, 3.1)
@@ -57,7 +58,7 @@ def test_rigid_motions_compose_as_their_matrices_do(move, q, inner_move, inner_q
 def test_the_pose_is_the_chain_of_correction_and_odometry(correction, odom):
     feed = fed(transform("map", "odom", 0, correction), transform("odom", "base_link", 1, odom))
     assert feed.pose is not None
-    assert feed.pose[:2] == pytest.approx(composed(correction, odom)[:2], abs=1e-9)
+    assert feed.pose[:2] == pytest.approx(compose(correction, odom)[:2], abs=1e-9)
     assert math.remainder(feed.pose[2] - correction[2] - odom[2], math.tau) == pytest.approx(0.0, abs=1e-9)
 
 

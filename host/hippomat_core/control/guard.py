@@ -60,14 +60,22 @@ def is_whole(scan: ScanReceived) -> bool:
     return int(np.diff(angles, append=angles[0] + TURN_Q6).max()) <= HOLE_Q6
 
 
+def returns(scan: ScanReceived, lidar: LidarConfig) -> NDArray[np.bool_]:
+    """(n,): which samples came back from something within the lidar's range."""
+    range_m = scan.distance_q2 / 4000.0
+    kept: NDArray[np.bool_] = (
+        (scan.distance_q2 > 0) & (range_m >= lidar.min_range_m) & (range_m <= lidar.max_range_m)
+    )
+    return kept
+
+
 def scan_points(scan: ScanReceived, lidar: LidarConfig) -> Points:
     """The sweep's returns in the base frame; without no-returns and ranges outside the lidar's limits.
 
     The device's angles run clockwise, ours counter-clockwise; the lidar's pose is in `lidar`.
     """
-    range_m = scan.distance_q2 / 4000.0
-    kept = (scan.distance_q2 > 0) & (range_m >= lidar.min_range_m) & (range_m <= lidar.max_range_m)
-    range_m = range_m[kept]
+    kept = returns(scan, lidar)
+    range_m = scan.distance_q2[kept] / 4000.0
     angle_rad = lidar.yaw_rad - np.deg2rad(scan.angle_q6[kept] / 64.0)
     x_m = lidar.x_m + range_m * np.cos(angle_rad)
     y_m = lidar.y_m + range_m * np.sin(angle_rad)

@@ -17,8 +17,9 @@ from hippomat_core.config import RosConfig
 from hippomat_core.control.guard import HOLE_Q6
 from hippomat_core.messages import LaserScanReceived, OdometryReceived, TransformReceived
 from hippomat_core.ros.clock import RosClock
-from hippomat_core.ros.transforms import HERE, Edge, Pose2, Transforms, along, composed
+from hippomat_core.ros.transforms import HERE, Edge, Pose2, Transforms, along
 from hippomat_core.slam.odometry import FASTEST_RADPS, JUMP_M, JUMP_RAD
+from hippomat_core.slam.pose2 import compose
 
 TRAIL_NS = 1_000_000_000
 SPEED_NS = 150_000_000  # a speed from transforms is a mean over so long
@@ -45,7 +46,7 @@ class RosFeed:
     @property
     def pose(self) -> Pose2 | None:
         """The base in the map frame."""
-        return None if self.correction is None or not self.trail else composed(self.correction, self.odom)
+        return None if self.correction is None or not self.trail else compose(self.correction, self.odom)
 
     @property
     def odom(self) -> Pose2:

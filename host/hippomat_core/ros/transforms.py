@@ -119,16 +119,6 @@ def along(way: tuple[Edge, ...]) -> Rigid:
     return rigid
 
 
-def composed(outer: Pose2, inner: Pose2) -> Pose2:
-    """`inner`, given in the frame that has pose `outer`."""
-    c, s = math.cos(outer[2]), math.sin(outer[2])
-    return (
-        outer[0] + c * inner[0] - s * inner[1],
-        outer[1] + s * inner[0] + c * inner[1],
-        math.remainder(outer[2] + inner[2], math.tau),
-    )
-
-
 def _product(p: Quaternion, q: Quaternion) -> Quaternion:
     return (
         p[3] * q[0] + p[0] * q[3] + p[1] * q[2] - p[2] * q[1],

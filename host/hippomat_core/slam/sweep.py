@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.config import LidarConfig
+from hippomat_core.control.guard import returns, scan_points
 from hippomat_core.messages import ScanReceived
 from hippomat_core.slam.odometry import Odometry
 from hippomat_core.slam.pose2 import Pose, inverse
@@ -27,12 +28,8 @@ def deskewed(
     The pose is the newest one that the odometry knows of the time of the sweep. Returns outside the lidar's
     range are left out.
     """
-    range_m = scan.distance_q2 / 4000.0
-    kept = (scan.distance_q2 > 0) & (range_m >= lidar.min_range_m) & (range_m <= lidar.max_range_m)
-    range_m = range_m[kept]
-    angle_rad = lidar.yaw_rad - np.deg2rad(scan.angle_q6[kept] / 64.0)
-    x_m = lidar.x_m + range_m * np.cos(angle_rad)
-    y_m = lidar.y_m + range_m * np.sin(angle_rad)
+    kept = returns(scan, lidar)
+    x_m, y_m = scan_points(scan, lidar).T
     taken_ns = clock.end_ns + np.arange(1 - len(kept), 1, dtype=np.float64)[kept] * clock.period_ns
     at_ns = min(clock.end_ns, odometry.clock.end_ns)
     east_m, north_m, yaw_rad = odometry.poses_at(taken_ns)
