@@ -160,7 +160,7 @@ def run_metrics(paths: Sequence[Path]) -> FleetMetrics:
 
 
 def robot_metrics(run: Run) -> RobotMetrics:
-    reading = _Reading(run.robot, run.config)
+    reading = MetricsReading(run.robot, run.config)
     for record in run.records_in_order():
         reading.feed(record)
     return reading.result()
@@ -182,8 +182,8 @@ def _earliest(tables: Iterable[dict[Task, float]]) -> dict[Task, float]:
     return merged
 
 
-class _Reading:
-    """Collects one robot's metrics record by record."""
+class MetricsReading:
+    """Collects one robot's metrics record by record, from a log or from memory."""
 
     def __init__(self, robot: int, config: Config) -> None:
         self._metrics = RobotMetrics(robot)
