@@ -152,7 +152,8 @@ def _line(at: Floats, values: Floats) -> _Line:
     one, n = np.eye(len(x)), len(x)
     costs = np.concatenate([np.zeros(2), np.full(n, FLOOR), np.full(n, 1 - FLOOR)])
     equal = np.column_stack([np.ones(n), x, one, -one])
-    free = [(None, None)] * 2 + [(0, None)] * (2 * n)
-    found = linprog(costs, A_eq=equal, b_eq=(values - values.min()) / scale, bounds=free, method="highs")
+    least = np.concatenate([np.full(2, -np.inf), np.zeros(2 * n)])
+    bounds = np.column_stack([least, np.full(2 * n + 2, np.inf)])
+    found = linprog(costs, A_eq=equal, b_eq=(values - values.min()) / scale, bounds=bounds, method="highs")
     value, slope = found.x[:2] * scale
     return _Line(float(slope) / BIN_NS, middle, float(value + values.min()))
