@@ -147,12 +147,12 @@ def _line(at: Floats, values: Floats) -> _Line:
     middle = float(at.mean())
     if len(at) < FEW_BINS:
         return _Line(0.0, middle, float(np.quantile(values, FLOOR)))
-    # values = value + slope * x + over - under, over and under >= 0, at the least weighted sum of both
-    x, scale = (at - middle) / BIN_NS, max(float(np.ptp(values)), 1.0)
-    one, n = np.eye(len(x)), len(x)
-    costs = np.concatenate([np.zeros(2), np.full(n, FLOOR), np.full(n, 1 - FLOOR)])
-    equal = np.column_stack([np.ones(n), x, one, -one])
-    free = [(None, None)] * 2 + [(0, None)] * (2 * n)
-    found = linprog(costs, A_eq=equal, b_eq=(values - values.min()) / scale, bounds=free, method="highs")
-    value, slope = found.x[:2] * scale
+    # values = value + slope * x + over - under at the least weighted sum of over and under; a linear
+    # program's variables are positive, so value and slope are differences of two
+    x, scale, n = (at - middle) / BIN_NS, max(float(np.ptp(values)), 1.0), len(at)
+    one, unit = np.ones(n), np.eye(n)
+    weights = np.concatenate([np.zeros(4), np.full(n, FLOOR), np.full(n, 1 - FLOOR)])
+    terms = np.column_stack([one, -one, x, -x, unit, -unit])
+    found = linprog(weights, A_eq=terms, b_eq=(values - values.min()) / scale).x * scale
+    value, slope = found[0] - found[1], found[2] - found[3]
     return _Line(float(slope) / BIN_NS, middle, float(value + values.min()))
