@@ -68,7 +68,9 @@ def match(told: Mapping[int, Track], true: Mapping[int, Track], *, fit_frame: bo
         believed, really = _pairs(told, true, robots, coarse_s + more_s)
         return _rms_m(believed, fit_rigid(really, believed)(really) if fit_frame else really)
 
-    finer = minimize_scalar(left_m, bounds=(-REFINE_S, REFINE_S), method="bounded", options={"xatol": 1e-4})
+    finer = minimize_scalar(
+        left_m, bracket=None, bounds=(-REFINE_S, REFINE_S), args=(), method="bounded", options={"xatol": 1e-4}
+    )
     offset_s = coarse_s + float(finer.x)
     believed, really = _pairs(told, true, robots, offset_s)
     return Match(offset_s, correlation, fit_rigid(really, believed) if fit_frame else Rigid())
@@ -91,7 +93,8 @@ def _pairs(
     told: Mapping[int, Track], true: Mapping[int, Track], robots: list[int], offset_s: float
 ) -> tuple[Floats, Floats]:
     """(n, 3) believed and (n, 3) true poses at the same moments, of all robots."""
-    believed, really = [np.empty((0, 3))], [np.empty((0, 3))]
+    believed: list[Floats] = [np.empty((0, 3))]
+    really: list[Floats] = [np.empty((0, 3))]
     for robot in robots:
         track, truth = told[robot], true[robot]
         at_s = track.time_s - offset_s
