@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core import messages as m
-from hippomat_logs.clock_map import ClockMap, fit_least_late
+from hippomat_logs.clock_map import BIN_NS, ClockMap, Floats, common_slope, fit_least_late
 from hippomat_logs.column_table import NUMBER, TIME, Table, table_of
 from hippomat_logs.reader import Run
 from hippomat_logs.schema import TOPICS, type_name
 
 HEARD = (m.StateHeard, m.RelayHeard, m.TasksHeard, m.StopHeard)
 KINDS = (*HEARD, m.FrameSent, m.RadioStatus, m.RoundEnded)
+LONG_BOOT_NS = 60 * BIN_NS  # tells the drift by itself
 REBOOT_NS = 1_000_000_000  # a radio's clock that steps back by more has begun anew
 
 Keys = NDArray[np.uint64]
@@ -64,25 +65,45 @@ def traffic_of(run: Run) -> Traffic:
         nothing = Frames(np.empty(0, np.uint64), np.empty(0, np.int64), np.empty(0, np.int64))
         return Traffic(nothing, nothing, (0, 0), 0.0, 0)
     begins = np.flatnonzero(np.diff(radio_ns) < -REBOOT_NS) + 1  # of the radio's boots
-    air_ns, spread_ns = np.empty(len(numbers), np.int64), 0.0
-    for part in np.split(np.arange(len(numbers)), begins):
-        air_ns[part], late_ns = _by_radio_clock(log_ns[part], radio_ns[part])
-        spread_ns = max(spread_ns, late_ns)
+    air_ns, spread_ns = _by_radio_clock(log_ns, radio_ns, np.split(np.arange(len(numbers)), begins))
     air = dict(zip(numbers.tolist(), air_ns.tolist(), strict=True))
     sent = _sent(run, tables[m.FrameSent], tables[m.RadioStatus], numbers[begins], air)
     heard = _heard([tables[kind] for kind in HEARD], air)
     return Traffic(sent, heard, (int(log_ns.min()), int(log_ns.max())), spread_ns, len(begins) + 1)
 
 
-def _by_radio_clock(log_ns: Times, radio_ns: Times) -> tuple[Times, float]:
+def _by_radio_clock(log_ns: Times, radio_ns: Times, boots: Sequence[Times]) -> tuple[Times, float]:
     """When the radio stamped each record, on the log's clock; the records were read a little later.
 
-    The least late of every second stands for no delay at all.
+    The least late of every second stands for no delay at all. boots: indices of each boot's records; a short
+    boot has the drift of all, for the crystal is the same.
     """
-    origin_ns, shift_ns = int(radio_ns[0]), int(log_ns[0] - radio_ns[0])
-    since_ns = (radio_ns - origin_ns).astype(np.float64)
-    line = fit_least_late(since_ns, (log_ns - radio_ns - shift_ns).astype(np.float64))
-    return ClockMap(origin_ns, shift_ns, line.knots_ns, line.extras_ns)(radio_ns), line.spread_ns
+    late = [Late.of(log_ns[boot], radio_ns[boot]) for boot in boots]
+    drift = common_slope([(one.since_ns, one.late_ns) for one in late]) if len(late) > 1 else None
+    air_ns, spread_ns = np.empty(len(log_ns), np.int64), 0.0
+    for boot, one in zip(boots, late, strict=True):
+        is_short = one.since_ns[-1] < LONG_BOOT_NS
+        line = fit_least_late(one.since_ns, one.late_ns, drift if is_short else None)
+        map_ = ClockMap(one.origin_ns, one.shift_ns, line.knots_ns, line.extras_ns)
+        air_ns[boot] = map_(radio_ns[boot])
+        spread_ns = max(spread_ns, line.uncertainty_ns(0.0))
+    return air_ns, spread_ns
+
+
+@dataclass(frozen=True, slots=True)
+class Late:
+    """log = radio + shift_ns + late_ns, of one boot."""
+
+    origin_ns: int
+    shift_ns: int
+    since_ns: Floats  # (n,) radio - origin_ns
+    late_ns: Floats  # (n,)
+
+    @classmethod
+    def of(cls, log_ns: Times, radio_ns: Times) -> Late:
+        origin_ns, shift_ns = int(radio_ns[0]), int(log_ns[0] - radio_ns[0])
+        since_ns = (radio_ns - origin_ns).astype(np.float64)
+        return cls(origin_ns, shift_ns, since_ns, (log_ns - radio_ns - shift_ns).astype(np.float64))
 
 
 def _tables(run: Run) -> dict[type, Table]:

@@ -104,6 +104,7 @@ class Recorder:
         self._derived = DerivedTopics(self._store, config)
         self._drawn = self._derived.kinds
         self._next = 1
+        self._last_ns = wall_ns  # log time of the last record: of a drop record too, whatever the clock does
         self._queue: deque[tuple[int, int, Any]] = deque()
         self._limit, self._half = queue_records, queue_records // 2
         self._lossless = lossless
@@ -167,7 +168,8 @@ class Recorder:
             if not self._takes(number, record):
                 return
             self._end_drop(number)
-        self._queue.append((number, stamp_ns + self._offset_ns, record))
+        self._last_ns = stamp_ns + self._offset_ns
+        self._queue.append((number, self._last_ns, record))
 
     def _takes(self, number: int, record: Any) -> bool:
         """Is there room in a queue that is half full or more? If not, the record is counted."""
@@ -195,7 +197,7 @@ class Recorder:
         """Put the drop record of what found no room before number `before`."""
         if self._dropping is not None:
             (first, cause), self._dropping = self._dropping, None
-            self._queue.append((before - 1, time.time_ns(), DropRecord(first, before - 1, cause)))
+            self._queue.append((before - 1, self._last_ns, DropRecord(first, before - 1, cause)))
 
     # ---- writer's thread ----
 
@@ -220,7 +222,7 @@ class Recorder:
                 due_s = now_s + SYNC_S
             if closing and not self._queue:
                 break
-        self._end_gap(time.time_ns())
+        self._end_gap(self._last_ns)
         self._hand_on(time.monotonic())
         shed = self._shed_queue + self._shed_disk
         self._series.close(

@@ -77,6 +77,20 @@ def _parser() -> argparse.ArgumentParser:
         metavar="S:N:X,Y,YAW",
         help="after S seconds somebody carries robot N there (metres, radians); may be given again",
     )
+    run.add_argument(
+        "--clock-years",
+        type=float,
+        default=0.0,
+        metavar="Y",
+        help="the robots' clocks are off by up to Y years (default 0)",
+    )
+    run.add_argument(
+        "--clock-ppm",
+        type=float,
+        default=0.0,
+        metavar="P",
+        help="and drift by up to P parts per million (default 0)",
+    )
     for command in (run, demo):
         _add_run_options(command)
     return parser
@@ -129,6 +143,8 @@ def _settings(options: argparse.Namespace) -> RunSettings:
         slam=options.slam,
         resolution_m=getattr(options, "resolution", 0.05),
         carried=tuple(_carried(text) for text in getattr(options, "carry", [])),
+        clock_years=getattr(options, "clock_years", 0.0),
+        clock_ppm=getattr(options, "clock_ppm", 0.0),
     )
 
 
@@ -150,7 +166,7 @@ def _say_where(result: RunResult, settings: RunSettings, console: Console) -> No
     from hippomat_sim.run_picture import draw_run
 
     logs = log_files(result.logs)
-    console.print(pose_table(pose_errors(logs, result.truth_ns, result.truth)))
+    console.print(pose_table(pose_errors(logs, result.truth_ns, result.truth, result.clock_errors)))
     picture = draw_run(result, completions(logs), settings)
     console.print(f"picture: {picture}", markup=False, highlight=False, soft_wrap=True)
 

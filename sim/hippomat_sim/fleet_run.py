@@ -30,6 +30,7 @@ from hippomat_core.planning.ground import ground_of
 from hippomat_core.slam.warm_up import warm_up as warm_up_localizer
 from hippomat_logs.map_files import load_map
 from hippomat_logs.policy_files import policy_of
+from hippomat_sim.clock_errors import ClockError, draw_clock_errors
 from hippomat_sim.daemons import Daemon, DaemonOrder, describe_end, interrupt_all, kill_all
 from hippomat_sim.medium import AirSettings, StationCounts
 from hippomat_sim.run_settings import RunSettings, checked, config_toml, described_map, run_config
@@ -56,7 +57,8 @@ class RunResult:
     start_poses: NDArray[np.float64]  # (N, 3)
     truth_us: NDArray[np.int64]  # (T,) since the start of the world
     truth: NDArray[np.float64]  # (T, N, 3)
-    start_monotonic_ns: int  # of truth_us 0, on the daemons' clock
+    start_monotonic_ns: int  # of truth_us 0, on the world's clock
+    clock_errors: tuple[ClockError, ...]  # of each robot's host, against that
     seconds: float  # with all robots on the air
     contacts: tuple[Contact, ...]
     counts: tuple[StationCounts, ...]
@@ -67,7 +69,7 @@ class RunResult:
 
     @property
     def truth_ns(self) -> NDArray[np.int64]:
-        """(T,) stamps of the truth, as the daemons' logs have them."""
+        """(T,) stamps of the truth; in the daemons' logs too, but for their clock errors."""
         return self.truth_us * 1000 + self.start_monotonic_ns
 
 
@@ -111,6 +113,9 @@ class FleetRun:
         self._reported: set[int] = set()
         self._view = view
         self._clock = WorldClock(settings.out / "ports" / "clock", settings.robots)
+        self._clock_errors = draw_clock_errors(
+            settings.robots, settings.clock_years, settings.clock_ppm, settings.seed
+        )
         self._next_view_s = 0.0
         self._to_carry = sorted(settings.carried, key=lambda one: one.at_s)
         self._began_s = math.inf
@@ -175,6 +180,7 @@ class FleetRun:
             (x_m, y_m, yaw_rad),
             self.log_directory(robot) if self.settings.record_logs else None,
             self._clock.path,
+            self._clock_errors[robot],
         )
 
     def _drive(self) -> float:
@@ -284,6 +290,7 @@ class FleetRun:
             times,
             poses,
             self._clock.start_ns,
+            self._clock_errors,
             seconds,
             tuple(simulation.world.contacts),
             tuple(simulation.medium.counts),
@@ -303,7 +310,11 @@ def _fleet_key(seed: int) -> bytes:
 
 
 def _write_truth(result: RunResult) -> None:
-    """truth.npz: what really happened, in the map frame, at 10 Hz."""
+    """truth.npz: what really happened, in the map frame, at 10 Hz.
+
+    stamp_ns (T,) is the world's clock. Robot k's monotonic clock shows clock_ahead_ns[k] more, and gains
+    clock_drift_ppb[k] parts in 10^9 from the world's 0 on.
+    """
     contacts = [(contact.start_s, contact.robot, contact.other) for contact in result.contacts]
     np.savez_compressed(
         result.out / "truth.npz",
@@ -311,6 +322,9 @@ def _write_truth(result: RunResult) -> None:
         poses=result.truth,
         contacts=np.array(contacts, dtype=np.float64).reshape(-1, 3),
         slipped_s=np.array(result.slipped_s),
+        clock_ahead_ns=np.array([error.ahead_ns for error in result.clock_errors], np.int64),
+        clock_drift_ppb=np.array([error.drift_ppb for error in result.clock_errors], np.int64),
+        clock_wall_ahead_ns=np.array([error.wall_ahead_ns for error in result.clock_errors], np.int64),
     )
 
 
