@@ -23,6 +23,7 @@ from hippomat_logs.fleet_story.conflicts import (
     conflict_free_rate,
     conflicts_in,
     one_sided,
+    price,
     promise_holds,
 )
 from hippomat_logs.fleet_story.story import FleetStory, fleet_story
@@ -83,6 +84,8 @@ def as_json(story: FleetStory, conflicts: list[Conflict]) -> dict[str, Any]:
         "conflict_free_rate": _finite(conflict_free_rate(story.claims)),
         "by_cause": {cause: count for cause, count in _by_cause(conflicts).items() if count},
         "by_kind": {kind: sum(one.kind == kind for one in conflicts) for kind in KINDS},
+        "price_s": price(conflicts)[0],
+        "price_m": price(conflicts)[1],
         "misjudged": sum(one.misjudged for one in conflicts),
         "promise_broken": bool(broken(story, conflicts)),
         "conflicts": [_finite(dataclasses.asdict(one)) for one in conflicts],
@@ -140,7 +143,7 @@ def _head(story: FleetStory, conflicts: list[Conflict]) -> list[str]:
 
 def _causes_line(conflicts: list[Conflict]) -> str:
     causes = ", ".join(f"{count} {cause}" for cause, count in _by_cause(conflicts).items() if count)
-    lost_s, lost_m = sum(one.detour_s for one in conflicts), sum(one.detour_m for one in conflicts)
+    lost_s, lost_m = price(conflicts)
     lines = [f"by cause: {causes}; price: {lost_s:.1f} s and {lost_m:.2f} m for claims that were given up"]
     if wrong := sum(one.misjudged for one in conflicts):
         lines.append(
@@ -165,7 +168,7 @@ def _table(conflicts: list[Conflict]) -> Table:
             one.cause,
             "-" if one.kept_by is None else str(one.kept_by),
             str(one.rounds),
-            f"{one.detour_s:.1f} s",
+            f"{price([one])[0]:.1f} s",
             style="bold red" if one.kind == DOUBLY_CONFIRMED else None,
         )
     return table
