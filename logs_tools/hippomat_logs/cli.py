@@ -16,7 +16,7 @@ from typing import Any
 from rich.console import Console
 
 from hippomat_core.errors import HippomatError
-from hippomat_logs.commands import conflicts, convert, doctor, export, info, make_map, plot, select
+from hippomat_logs.commands import conflicts, convert, doctor, explain, export, info, make_map, plot, select
 from hippomat_logs.metrics import FleetMetrics, run_metrics
 from hippomat_logs.recovery import recover
 from hippomat_logs.replay_cli import Parser
@@ -37,6 +37,7 @@ _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] 
         conflicts.run,
         "double requests and double claims, and their causes",
     ),
+    ("explain", explain.add_options, explain.run, "why a task went to whom, why a robot decided as it did"),
     ("plot", plot.add_options, plot.run, "a picture: path, speed, battery, rounds; or scans from above"),
 )
 

@@ -71,6 +71,7 @@ def _draw_claims(axes: Axes, story: FleetStory, robots: list[int], conflicts: li
         axes.plot([at, at], [i, j], "o", color=COLOURS[one.cause], markersize=4, zorder=3)
     axes.set_yticks(range(len(robots)), [str(robot) for robot in robots])
     axes.set_ylim(len(robots) - 0.4, -0.6)
+    axes.margins(x=0.02)
     axes.set_xlabel("allocation round")
     axes.set_ylabel("robot")
     axes.set_title("claims (light: requested, dark: confirmed) and conflicts")
