@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from hippomat_logs.fleet_story.decision_view import Choice, DecisionView, RowView, cost_text
@@ -39,9 +40,9 @@ def task_text(task: Task) -> str:
 def _rows_table(story: FleetStory, rows: tuple[RowView, ...]) -> Table:
     """At most 78 characters wide."""
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for name in ("row", "came", "round", "age", "RSSI", "state", "cheapest open tasks"):
-        left = name in ("came", "state", "cheapest open tasks")
-        table.add_column(name, justify="left" if left else "right", no_wrap=True)
+    for name in ("row", "came", "round", "age", "RSSI", "state", "cheapest open tasks [s]"):
+        left = name in ("came", "state", "cheapest open tasks [s]")
+        table.add_column(escape(name), justify="left" if left else "right", no_wrap=True)
     for row in rows:
         table.add_row(
             str(row.robot),
@@ -50,7 +51,7 @@ def _rows_table(story: FleetStory, rows: tuple[RowView, ...]) -> Table:
             "-" if row.came == "never" else f"{row.age_ms} ms",
             "-" if row.rssi_dbm is None else str(row.rssi_dbm),
             "-" if row.came == "never" else row.state,
-            "  ".join(f"{slot}: {cost_text(story, code)}" for slot, code in row.best),
+            "  ".join(f"{slot}: {cost_text(story, code).removesuffix(' s')}" for slot, code in row.best),
             style="yellow" if row.stale else None,
         )
     return table

@@ -14,11 +14,12 @@ MOST_ROBOTS = 8  # columns of costs
 TICKS_PER_S = 20
 
 
-def show_task(story: FleetStory, life: TaskLife, console: Console) -> None:
+def show_task(story: FleetStory, life: TaskLife, console: Console, with_costs: bool) -> None:
+    """with_costs: the story holds every decision made while the task was open."""
     place = "" if life.place_m is None else f", at ({life.place_m[0]:.2f}, {life.place_m[1]:.2f}) m"
     say(console, f"slot {life.slot} generation {life.generation}{place}", style="bold")
     say(console, _learnt(life.learnt, life.replaced), 2)
-    if life.costs:
+    if life.costs and with_costs:
         console.print(_costs(story, life))
     for request in life.requests:
         _show_request(story, request, console)
@@ -104,9 +105,17 @@ def _choice(story: FleetStory, request: RequestView) -> str:
 def _show_votes(request: RequestView, console: Console) -> None:
     votes = ", ".join(f"robot {robot} (round {number})" for robot, number in request.votes)
     say(console, f"endorsed by {votes or 'nobody else, as far as it heard'}", 2)
-    for index, (what, why, number) in enumerate(request.confirmed):
-        after = f", {request.confirmed_after_s:.2f} s after the request" if index == 0 else ""
-        say(console, f"{what} in round {number}: {why}{after}", 2)
+    if not request.confirmed:
+        say(console, "never confirmed", 2)
+        return
+    _, why, number = request.confirmed[0]
+    say(
+        console, f"confirmed in round {number}: {why}, {request.confirmed_after_s:.2f} s after the request", 2
+    )
+    if ran_out := [one for one in request.confirmed if one[0] == "unconfirmed"]:
+        often = f"{len(ran_out)} times, the last" if len(ran_out) > 1 else "once,"
+        again = "" if request.confirmed[-1][0] == "unconfirmed" else ", and confirmed again"
+        say(console, f"its votes ran out {often} in round {ran_out[-1][2]}{again}", 2)
 
 
 def _show_drive(request: RequestView, console: Console) -> None:

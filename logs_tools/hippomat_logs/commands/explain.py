@@ -81,7 +81,7 @@ def _explain_task(options: argparse.Namespace, runs: list[Run], console: Console
         print(json.dumps({"tasks": [finite(dataclasses.asdict(life)) for life in lives]}, indent=2))
         return story
     for life in lives:
-        show_task(story, life, console)
+        show_task(story, life, console, with_costs=which != ALL)
     if found[2] is None:
         first, last = _generations(story, slot)[0][1], tasks[-1][1]
         if first != last:

@@ -39,7 +39,7 @@ class RowView:
     """One row of the snapshot. best: (slot, cost code) of the cheapest tasks that wait."""
 
     robot: int
-    came: str  # own, direct, by robot K, never
+    came: str  # own, direct, by robot K, its own relay, never
     round: int  # in which its owner sent it; -1: unknown
     stale: bool
     age_ms: int
@@ -165,7 +165,7 @@ def _row(story: FleetStory, seen: Decision, robot: int, said: StateFrame | None)
     best = [int(slot) for slot in np.argsort(costs, kind="stable")[:BEST] if costs[slot] != UNREACHABLE]
     return RowView(
         robot=robot,
-        came="own" if is_own else "never" if never else _way(int(decided.row_via[robot])),
+        came="own" if is_own else "never" if never else _way(int(decided.row_via[robot]), robot),
         round=number,
         stale=stale,
         age_ms=age_ms,
@@ -179,8 +179,10 @@ def _row(story: FleetStory, seen: Decision, robot: int, said: StateFrame | None)
     )
 
 
-def _way(via: int) -> str:
-    return "direct" if via == HEARD_DIRECTLY else f"by robot {via}"
+def _way(via: int, robot: int) -> str:
+    if via == HEARD_DIRECTLY:
+        return "direct"
+    return "its own relay" if via == robot else f"by robot {via}"
 
 
 def _state(available: bool, slot: int, claim: Task | None) -> str:

@@ -112,10 +112,12 @@ def _one_fleet(runs: Sequence[Run]) -> tuple[int, int]:
 
 def _read(run: Run, keep: Keep, said_in: Sequence[int], advance: Progress) -> RobotStory:
     reading = RobotReading(run.robot, run.config, keep, said_in)
-    for count, record in enumerate(run.records_in_order(KINDS)):
+    done = 0
+    for record in run.records_in_order(KINDS):
         reading.feed(record)
-        if count % _STEP == 0:
-            advance(_STEP)
+        if record.number - done >= _STEP:
+            advance(record.number - done)
+            done = record.number
     story = reading.result()
     story.lost, story.recovered = list(run.lost), run.recovered
     return story

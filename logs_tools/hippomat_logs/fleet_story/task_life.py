@@ -188,7 +188,8 @@ def inputs_text(seen: Decision) -> str:
     fresh = others & ~seen.late
     relayed = fresh & (np.asarray(seen.decided.row_via) != 255)
     stale, never = others & seen.late & (seen.row_round >= 0), others & (seen.row_round < 0)
-    parts = [f"{int((fresh & ~relayed).sum())} rows heard directly", f"{int(relayed.sum())} relayed"]
+    direct = int((fresh & ~relayed).sum())
+    parts = [f"{direct} row{'' if direct == 1 else 's'} heard directly", f"{int(relayed.sum())} relayed"]
     parts += [f"{int(stale.sum())} stale"] if stale.any() else []
     parts += [f"{int(never.sum())} never heard"] if never.any() else []
     return ", ".join(parts)
