@@ -200,7 +200,7 @@ def _is_decision_of(message: object, number: int) -> bool:
 # ---- laws ----
 
 seeds = st.integers(0, 10_000)
-quick = settings(max_examples=7, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+quick = settings(max_examples=5, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
 @quick
