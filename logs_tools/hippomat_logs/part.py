@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
@@ -118,6 +118,16 @@ class PartWriter:
     def add(self, topic: str, number: int, log_time_ns: int, data: bytes) -> None:
         """`number` goes into the sequence field; a derived message carries its source's number."""
         self._writer.add_message(self._channels[topic], number & 0xFFFFFFFF, log_time_ns, data)
+
+    def add_all(self, records: Iterable[tuple[str, int, int, bytes, bool]]) -> None:
+        """The same of many: (topic, number, log time, data, anything)."""
+        channels = self._channels
+        self._writer.add_messages(
+            [
+                (channels[topic], number & 0xFFFFFFFF, log_time_ns, data)
+                for topic, number, log_time_ns, data, _ in records
+            ]
+        )
 
     def flush(self) -> None:
         """Close the chunk and append it to the file, whole or not at all."""
