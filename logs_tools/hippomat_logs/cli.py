@@ -14,7 +14,18 @@ from typing import Any
 from rich.console import Console
 
 from hippomat_core.errors import HippomatError
-from hippomat_logs.commands import convert, doctor, export, info, make_map, metrics, plot, select
+from hippomat_logs.commands import (
+    conflicts,
+    convert,
+    doctor,
+    explain,
+    export,
+    info,
+    make_map,
+    metrics,
+    plot,
+    select,
+)
 from hippomat_logs.recovery import recover
 from hippomat_logs.replay_cli import Parser
 from hippomat_logs.report import REPRODUCED
@@ -33,6 +44,13 @@ _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] 
         metrics.run,
         "tasks, travel cost, conflicts, times, links; over many trials too",
     ),
+    (
+        "conflicts",
+        conflicts.add_options,
+        conflicts.run,
+        "double requests, double claims, their causes",
+    ),
+    ("explain", explain.add_options, explain.run, "why a task went to whom, why a robot decided as it did"),
     ("plot", plot.add_options, plot.run, "a picture: path, speed, battery, rounds; or scans from above"),
 )
 
