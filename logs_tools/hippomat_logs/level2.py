@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,8 @@ from hippomat_core.config import Config
 from hippomat_core.step import initial_state, step
 from hippomat_logs.reader import Record
 from hippomat_logs.report import FAILED, OK, Divergence, LevelResult
-from hippomat_logs.schema import EFFECTS, EVENTS, MessageStore, differences
+from hippomat_logs.schema import EFFECTS, EVENTS, TOPICS, MessageStore, differences
+from hippomat_logs.walk import RawMessage
 
 LOGITS_TOLERANCE = 1e-5
 FLOAT_TOLERANCE = 1e-6
@@ -29,7 +31,7 @@ class EffectComparison:
     """Compare effects with recorded ones, one after the other."""
 
     def __init__(self, store: MessageStore, exact: bool) -> None:
-        self._store = store
+        self.store = store
         self.exact = exact
         self.near_ties = 0
 
@@ -37,7 +39,7 @@ class EffectComparison:
         """(field, recorded, replayed) of the first difference that counts."""
         if type(recorded) is not type(replayed):
             return "effect", type(recorded).__name__, type(replayed).__name__
-        if self._store.encode(recorded) == self._store.encode(replayed):
+        if self.store.encode(recorded) == self.store.encode(replayed):
             return None
         name = type(recorded).__name__
         for path, a, b in differences(recorded, replayed):
@@ -93,6 +95,21 @@ class DecisionReplay:
                 self._event(record)
         elif type(record.message) in EFFECTS:
             self._effect(record)
+
+    def takes(self, raw: RawMessage) -> bool:
+        """Whether these are the very bytes of the effect that comes next: nobody needs to decode them."""
+        if self.divergence is not None or self._stopped:
+            return False
+        replayed = next(self._pending, None)
+        if replayed is None:
+            return False
+        kind = type(replayed)
+        if TOPICS[kind] != raw.topic or self._compare.store.encode(replayed) != raw.data:
+            self._pending = chain((replayed,), self._pending)
+            return False
+        self._effects += 1
+        self._decisions += kind is m.RoundDecided
+        return True
 
     def result(self, may_be_cut: bool) -> LevelResult:
         """may_be_cut: the log's end was lost, so effects of its last event may be missing."""

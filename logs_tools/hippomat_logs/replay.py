@@ -19,10 +19,12 @@ from hippomat_logs.lockstep import replay_in_daemon
 from hippomat_logs.manifest import core_hash, fingerprint
 from hippomat_logs.reader import Run
 from hippomat_logs.report import FAULT, LOSSY, NOT_RUN, OK, LevelResult, RunReport
+from hippomat_logs.schema import EFFECTS, TOPICS
 
 LEVELS = ("L0", "L1", "L2", "daemon", "L3")
 Progress = Callable[[str, int], None]  # (level, records done)
 PROGRESS_STEP = 1000
+EFFECT_TOPICS = frozenset(TOPICS[kind] for kind in EFFECTS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +60,16 @@ def _offline_levels(
         ByteCheck(run.robot, run.store, started_ns, run.wall_offset_ns) if "L1" in options.levels else None
     )
     try:
-        for record in run.records_in_order():
+        for path, raw in run.raw_in_order():
+            if run.records % PROGRESS_STEP == 0:
+                progress("L0-L2", run.records)
+            if decisions is not None and raw.topic in EFFECT_TOPICS and decisions.takes(raw):
+                continue
+            record = run.decoded(path, raw)
             if bytes_check is not None:
                 bytes_check.feed(record)
             if decisions is not None:
                 decisions.feed(record)
-            if run.records % PROGRESS_STEP == 0:
-                progress("L0-L2", run.records)
     except LogError as error:
         report.results.append(LevelResult("L0", LOSSY, run.records, "records", str(error)))
         return False

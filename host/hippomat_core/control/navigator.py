@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +33,7 @@ from hippomat_core.planning.astar import path_length_m
 from hippomat_core.planning.costmap import Costmap, nearest_free
 from hippomat_core.planning.distance_field import DistanceField
 from hippomat_core.planning.reservations import Cells, PeerMotion, free_stretch, keep_out_m, reserve
+from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
 AHEAD_CELLS = 24  # of our own path are checked, about twice an intent

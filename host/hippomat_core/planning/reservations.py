@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.config import Config
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import MAX_INTENT_STEPS, NO_SLOT, StateFrame
 
 Cells = NDArray[np.int32]  # (K, 2) [ix, iy]
