@@ -6,7 +6,6 @@ time is the stamp of the event, task sites and the fleet digest are given once t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,7 +67,7 @@ class FleetState:
         """The newest that is known of it."""
         return newest_row(self.peers[robot], self.relayed[robot])
 
-    def rows(self) -> Iterator[Row]:
+    def rows(self) -> tuple[Row, ...]:
         """The newest of everybody else, in id order."""
         return newest_rows(self.peers, self.relayed)
 
