@@ -5,8 +5,6 @@ Twenty times a second. Knows the state only; lengths are configured, ages are di
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +22,7 @@ from hippomat_core.messages import BASE, Drive, Effect, GuardLimited, PathPlanne
 from hippomat_core.motion.commitment import may_start
 from hippomat_core.planning.reservations import PeerMotion, body_only, peer_motion
 from hippomat_core.reactions import BY_CODE, Permissions, permissions
+from hippomat_core.replaced import replace
 from hippomat_core.state import NO_POINTS, State, elsewhere
 from hippomat_core.unsticking import unstuck, unworried
 

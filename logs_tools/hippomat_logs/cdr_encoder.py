@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 ENCAPSULATION = b"\0\1\0\0"
-_LETTERS = {
+LETTERS = {
     "bool": "?", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
     "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
 }  # fmt: skip
@@ -22,13 +22,14 @@ Encoder = Callable[[Any], bytes]
 
 
 class FieldSpec(NamedTuple):
-    """What the encoder must know of a field; fields of a nested message are given instead of a type."""
+    """What encoder and decoder must know of a field; a nested message has a class and fields of its own."""
 
     name: str
     ros: str  # "uint8", "string", "float32[]", "uint8[]" of bytes ...
     is_bytes: bool
     nested: tuple[FieldSpec, ...]
     many: bool
+    kind: type | None = None  # of a nested message
 
 
 def make_encoder(fields: Iterable[FieldSpec]) -> Encoder:
@@ -76,7 +77,7 @@ class _Source:
             elif one.many:
                 self._array(value, np.dtype(one.ros[:-2]))
             else:
-                self._run.append((_LETTERS[one.ros], value))
+                self._run.append((LETTERS[one.ros], value))
 
     def _leading(self) -> tuple[str, int]:
         """The expression that packs the leading run, and its length."""
@@ -92,7 +93,7 @@ class _Source:
             return
         letters = "".join(letter for letter, _ in self._run)
         name = f"packs_{letters.replace('?', 't')}"
-        self.names[name] = tuple(_padded(letters, start).pack for start in range(8))
+        self.names[name] = tuple(padded(letters, start).pack for start in range(8))
         values = ", ".join(value for _, value in self._run)
         self._add(f"b = {name}[n & 7]({values}); out.append(b); n += len(b)")
         self._run = []
@@ -135,7 +136,7 @@ class _Source:
         self._indent = self._indent[:-1]
 
 
-def _padded(letters: str, start: int) -> struct.Struct:
+def padded(letters: str, start: int) -> struct.Struct:
     """Numbers that begin `start` bytes behind a multiple of 8, each aligned to its size."""
     text, at = "<", start
     for letter in letters:

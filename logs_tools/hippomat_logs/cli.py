@@ -27,7 +27,7 @@ from hippomat_logs.commands import (
     select,
 )
 from hippomat_logs.recovery import recover
-from hippomat_logs.replay_cli import Parser
+from hippomat_logs.replay_arguments import Parser
 from hippomat_logs.report import REPRODUCED
 
 _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] = (

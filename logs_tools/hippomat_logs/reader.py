@@ -23,7 +23,11 @@ from hippomat_logs.manifest import config_of
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.schema import CLASSES, DERIVED, TOPICS, MessageStore
 from hippomat_logs.sink import ACTIVE
-from hippomat_logs.walk import Contents, RawMessage, walk_strictly
+from hippomat_logs.walk import Contents, Inside, RawMessage, counted_inside, walk_strictly
+
+DROPPED = TOPICS[DropRecord]
+CLIP_KEY = "clip"  # of the manifest: what the run was cut out of, and why
+COMPARED_FROM_KEY = "compared_from"  # a clip's first record whose effects were kept
 
 
 class Record(NamedTuple):
@@ -53,13 +57,13 @@ def mapped(path: Path) -> Iterator[memoryview]:
                 map_.close()
 
 
-def read_raw(path: Path, contents: Contents) -> Iterator[RawMessage]:
-    """Messages of one finished part as bytes, strictly checked."""
+def read_raw(path: Path, contents: Contents, inside: Inside | None = None) -> Iterator[RawMessage]:
+    """Messages of one finished part as bytes, strictly checked. inside: see walk_strictly."""
     if path.name.endswith(ACTIVE):
         raise LogError(f"{path}: still being recorded, or its daemon died: `hippomat-logs recover {path}`")
     with mapped(path) as data:
         try:
-            yield from walk_strictly(data, str(path), contents)
+            yield from walk_strictly(data, str(path), contents, inside)
         except LogError as error:
             raise error if str(path) in str(error) else LogError(f"{path}: {error}") from None
 
@@ -95,6 +99,16 @@ class Run:
         return int(self.manifest.get("robot", "-1"))
 
     @property
+    def clip(self) -> str:
+        """What this log was cut out of to show a divergence; empty: it is a whole run."""
+        return self.manifest.get(CLIP_KEY, "")
+
+    @property
+    def compared_from(self) -> int:
+        """The first record whose effects are in the log: all but a clip have them from 0 on."""
+        return int(self.manifest.get(COMPARED_FROM_KEY, "0"))
+
+    @property
     def config(self) -> Config:
         return config_of(self.manifest, str(self.paths[0]))
 
@@ -112,29 +126,32 @@ class Run:
 
         kinds: give out (and decode) only records of these classes; a checked log is read faster that way.
         """
-        wanted = {TOPICS[kind] for kind in (*kinds, DropRecord)} if kinds else CLASSES
+        wanted = {TOPICS[kind] for kind in kinds} if kinds else CLASSES
+        for path, raw in self.raw_in_order():
+            if raw.topic in wanted:
+                yield self.decoded(path, raw)
+
+    def raw_in_order(self) -> Iterator[tuple[Path, RawMessage]]:
+        """The same before anything is decoded, with the part that holds it."""
         self.records, expected = 0, 1
         self.lost, losses = [], Losses()
         for index, path in enumerate(self.paths):
             contents = Contents()
             for raw in read_raw(path, contents):
-                if raw.topic in DERIVED:
+                number, topic = raw.number, raw.topic
+                if topic in DERIVED:
                     continue
-                if raw.topic not in wanted and raw.topic in CLASSES and raw.number == expected:
-                    expected += 1
-                    self.records += 1
-                    continue
-                record = self.decoded(path, raw)
-                first = record.message.first if isinstance(record.message, DropRecord) else raw.number
+                drop = self.decoded(path, raw).message if topic == DROPPED else None
+                first = drop.first if drop else number
+                class_of(path, raw)
                 if first != expected:
                     raise LogError(f"{path}: record {expected} is missing: {_gap(expected, first)}")
-                if isinstance(record.message, DropRecord):
-                    losses.add(record.message)
+                if drop:
+                    losses.add(drop)
                     self.lost = losses.lines()
-                expected = raw.number + 1
+                expected = number + 1
                 self.records += 1
-                if not kinds or type(record.message) in kinds:
-                    yield record
+                yield path, raw
             self._check_end(path, contents, expected, index == len(self.paths) - 1)
 
     def raw_messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
@@ -146,9 +163,7 @@ class Run:
 
     def decoded(self, path: Path, raw: RawMessage) -> Record:
         """One message as a value; raises LogError where it does not decode or its bytes have changed."""
-        kind = CLASSES.get(raw.topic)
-        if kind is None:
-            raise LogError(f"{path}: record {raw.number} is on {raw.topic}, which this version does not know")
+        kind = class_of(path, raw)
         try:
             message = self.store.decode(kind, raw.data)
         except Exception as error:
@@ -170,6 +185,14 @@ class Run:
             raise LogError(f"{path}: ends at record {expected - 1}, but record {last} was written")
         if is_last and not final:
             raise LogError(f"{path}: is not the last part of its run: give the later parts too")
+
+
+def class_of(path: Path, raw: RawMessage) -> type:
+    """What a numbered record is; LogError for a topic of another version."""
+    kind = CLASSES.get(raw.topic)
+    if kind is None:
+        raise LogError(f"{path}: record {raw.number} is on {raw.topic}, which this version does not know")
+    return kind
 
 
 class Losses:
@@ -238,7 +261,12 @@ def read_contents(path: Path, store: MessageStore) -> tuple[Contents, int]:
     After a check of all its bytes, of its message definitions, and that the policy is the manifest's.
     """
     contents = Contents()
-    records = sum(raw.topic in CLASSES for raw in read_raw(path, contents))
+    for _ in read_raw(path, contents, counted_inside):
+        pass
+    channels = contents.channels
+    records = sum(
+        n for key, n in contents.counts.items() if key in channels and channels[key].topic in CLASSES
+    )
     if selection := contents.manifest.get("selection"):
         raise LogError(f"{path}: is a selection of a run ({selection}): this needs the whole run")
     for channel in contents.channels.values():

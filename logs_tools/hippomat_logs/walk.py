@@ -10,8 +10,9 @@ from __future__ import annotations
 import mmap
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import zstandard
 
@@ -45,11 +46,12 @@ FOOTER_BYTES, DATA_END_BYTES = 9 + 20, 9 + 4
 MAX_CHUNK_BYTES = 64 << 20
 SLICE_BYTES = 16 << 20  # of a file, in memory at once
 PREFIX = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
+_MESSAGE = struct.Struct("<BQHIQQ")  # opcode and length in front
 
 
-@dataclass(frozen=True, slots=True)
-class RawMessage:
+class RawMessage(NamedTuple):
+    """One message as its bytes."""
+
     number: int  # record number, from the sequence field
     log_time_ns: int
     topic: str
@@ -71,6 +73,7 @@ class Contents:
     channels: dict[int, ChannelSpec] = field(default_factory=dict)
     schemas: dict[int, tuple[str, bytes]] = field(default_factory=dict)
     messages: int = 0
+    counts: dict[int, int] = field(default_factory=dict)  # messages by channel, where they were only counted
     complete_bytes: int = 0  # everything before this offset was read
     damage: list[str] = field(default_factory=list)  # what a lenient walk passed over
     unverified: int = 0  # messages of a chunk that was cut: no checksum covers them
@@ -135,14 +138,22 @@ def _messages_promised(data: memoryview, start: int, end: int, missing: LogError
     raise missing
 
 
-def walk_strictly(data: memoryview, name: str, contents: Contents) -> Iterator[RawMessage]:
-    """Every message of a finished file in file order; raises LogError on anything unexpected."""
+Inside = Callable[[bytes, "Contents"], Iterable[RawMessage]]  # what is done with an inflated chunk
+
+
+def walk_strictly(
+    data: memoryview, name: str, contents: Contents, inside: Inside | None = None
+) -> Iterator[RawMessage]:
+    """Every message of a finished file in file order; raises LogError on anything unexpected.
+
+    inside: messages_inside, or counted_inside where only `contents` is wanted.
+    """
     end, promised = check_frame(data, name)
     first = [opcode for (opcode, _, _), _ in zip(records(data, len(MAGIC), end), range(2), strict=False)]
     if first != [HEADER, METADATA]:
         raise LogError(f"{name}: has no run manifest behind its header; was it recorded by hippomat?")
     for at, opcode, body, behind in with_offsets(data, len(MAGIC), end):
-        yield from record(opcode, body, at, contents)
+        yield from record(opcode, body, at, contents, inside)
         contents.complete_bytes = behind
     if not contents.manifest:
         raise LogError(
@@ -177,11 +188,13 @@ def records(data: memoryview, start: int, end: int) -> Iterator[tuple[int, memor
         at += 9 + length
 
 
-def record(opcode: int, body: memoryview, at: int, contents: Contents) -> Iterator[RawMessage]:
+def record(
+    opcode: int, body: memoryview, at: int, contents: Contents, inside: Inside | None = None
+) -> Iterable[RawMessage]:
     """One record of the data section; its lengths must agree: a damaged head is no harmless record."""
     if opcode == CHUNK:
-        yield from messages_inside(memoryview(inflated(body, at)), contents)
-    elif opcode == METADATA:
+        return (inside or messages_inside)(inflated(body, at), contents)
+    if opcode == METADATA:
         _metadata(body, at, contents)
     elif opcode == ATTACHMENT:
         _attachment(body, at, contents)
@@ -193,6 +206,7 @@ def record(opcode: int, body: memoryview, at: int, contents: Contents) -> Iterat
             raise LogError("file header damaged")
     else:
         raise LogError(f"record at byte {at} has opcode {opcode}, which our logs never hold there")
+    return ()
 
 
 def inflated(body: memoryview, at: int) -> bytes:
@@ -218,21 +232,61 @@ def chunk_head(body: memoryview) -> tuple[int, int, int]:
     return size, crc, 32 + length + 8
 
 
-def messages_inside(inside: memoryview, contents: Contents) -> Iterator[RawMessage]:
-    channels = contents.channels
-    for opcode, body, _ in records(inside, 0, len(inside)):
-        if opcode == MESSAGE:
-            channel, number, log_time_ns, _ = _MESSAGE.unpack_from(body)
+def messages_inside(inside: bytes, contents: Contents) -> Iterator[RawMessage]:
+    """The messages of an inflated chunk. Flat, because all that is read of a log comes through here."""
+    channels, unpack = contents.channels, _MESSAGE.unpack_from
+    at, end = 0, len(inside)
+    while at + _MESSAGE.size <= end:
+        opcode, length, channel, number, log_time_ns, _ = unpack(inside, at)
+        behind = at + 9 + length
+        if behind > end:
+            break
+        if opcode != MESSAGE:
+            _description(opcode, memoryview(inside)[at + 9 : behind], contents)
+        elif behind < at + _MESSAGE.size:
+            raise LogError(f"message of {length} bytes inside a chunk")
+        else:
             if channel not in channels:
                 _take_expected(channel, contents)
             contents.messages += 1
-            yield RawMessage(number, log_time_ns, channels[channel].topic, bytes(body[22:]))
-        elif opcode == SCHEMA:
-            _schema(body, contents)
-        elif opcode == CHANNEL:
-            _channel(body, contents)
+            yield RawMessage(
+                number, log_time_ns, channels[channel].topic, inside[at + _MESSAGE.size : behind]
+            )
+        at = behind
+    for opcode, body, _ in records(memoryview(inside), at, end):  # shorter than any message, or cut
+        _description(opcode, body, contents)
+
+
+def counted_inside(inside: bytes, contents: Contents) -> Iterable[RawMessage]:
+    """No message of an inflated chunk, but how many it holds of each channel, in contents.counts."""
+    counts, unpack = contents.counts, _MESSAGE.unpack_from
+    at, end = 0, len(inside)
+    while at + _MESSAGE.size <= end:
+        opcode, length, channel, *_ = unpack(inside, at)
+        behind = at + 9 + length
+        if behind > end:
+            break
+        if opcode == MESSAGE:
+            if channel not in contents.channels:
+                _take_expected(channel, contents)
+            counts[channel] = counts.get(channel, 0) + 1
+            contents.messages += 1
         else:
-            raise LogError(f"record with opcode {opcode} inside a chunk")
+            _description(opcode, memoryview(inside)[at + 9 : behind], contents)
+        at = behind
+    for opcode, body, _ in records(memoryview(inside), at, end):
+        _description(opcode, body, contents)
+    return ()
+
+
+def _description(opcode: int, body: memoryview, contents: Contents) -> None:
+    """A schema or a channel: what else a chunk may hold."""
+    if opcode == SCHEMA:
+        _schema(body, contents)
+    elif opcode == CHANNEL:
+        _channel(body, contents)
+    else:
+        raise LogError(f"record with opcode {opcode} inside a chunk")
 
 
 def _take_expected(channel: int, contents: Contents) -> None:
