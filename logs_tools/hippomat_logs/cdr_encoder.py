@@ -82,7 +82,7 @@ class _Source:
     def _leading(self) -> tuple[str, int]:
         """The expression that packs the leading run, and its length."""
         letters = "".join(letter for letter, _ in self._run)
-        packer = _padded(letters, 0)
+        packer = padded(letters, 0)
         self.names["pack_leading"] = packer.pack
         values, self._run = ", ".join(value for _, value in self._run), []
         return f"pack_leading({values})", packer.size
