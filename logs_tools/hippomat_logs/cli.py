@@ -16,7 +16,7 @@ from typing import Any
 from rich.console import Console
 
 from hippomat_core.errors import HippomatError
-from hippomat_logs.commands import convert, doctor, export, info, make_map, plot, select
+from hippomat_logs.commands import convert, doctor, export, fuse, info, make_map, plot, select
 from hippomat_logs.metrics import FleetMetrics, run_metrics
 from hippomat_logs.recovery import recover
 from hippomat_logs.replay_cli import Parser
@@ -28,6 +28,7 @@ _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] 
     ("doctor", doctor.add_options, doctor.run, "read every byte and name every fault"),
     ("filter", select.add_filter_options, select.run_filter, "some topics, times or robots as a new log"),
     ("merge", select.add_merge_options, select.run_merge, "several logs as one"),
+    ("fuse", fuse.add_options, fuse.run, "a fleet's logs as one causal run, whatever their clocks say"),
     ("convert", convert.add_options, convert.run, "between .mcap, ROS 1 .bag and ROS 2 bags"),
     ("export", export.add_options, export.run, "topics as CSV or Parquet, trajectories for evo"),
     ("map", make_map.add_options, make_map.run, "the map of a place from the log of a robot that was there"),

@@ -80,10 +80,13 @@ class McapWriter:
         self._describe(CHANNEL, body)
         return number
 
-    def add_message(self, channel: int, sequence: int, log_time_ns: int, data: bytes) -> None:
+    def add_message(
+        self, channel: int, sequence: int, log_time_ns: int, data: bytes, publish_ns: int | None = None
+    ) -> None:
         size, at = _MESSAGE_FIELDS + len(data), self._chunk_size
         self._index[channel] += (log_time_ns, at)
-        self._chunk += (_MESSAGE.pack(MESSAGE, size, channel, sequence, log_time_ns, log_time_ns), data)
+        publish_ns = log_time_ns if publish_ns is None else publish_ns
+        self._chunk += (_MESSAGE.pack(MESSAGE, size, channel, sequence, log_time_ns, publish_ns), data)
         self._chunk_size = at = at + 9 + size
         if at >= self._chunk_bytes:
             self._close_chunk()

@@ -20,6 +20,7 @@ RUN_METADATA = "hippomat.run"  # directly behind the header of every part
 POLICY_ATTACHMENT = "policy.safetensors"  # behind the manifest, where the allocator has weights
 END_METADATA = "hippomat.end"  # last of a part that was finished
 RECOVERY_METADATA = "hippomat.recovery"  # last of a part that was recovered: what it lost
+FUSED_METADATA = "hippomat.fused"  # first of a file that holds several runs: "runs" names their prefixes
 CHANNELS_KEY = (
     "channels_crc32"  # of the manifest: which channels the part has, should its first chunk be lost
 )

@@ -23,7 +23,7 @@ from rich.table import Table
 from hippomat_core.errors import HippomatError
 from hippomat_logs.interrupts import interrupts_held
 from hippomat_logs.manifest import recorded_threads
-from hippomat_logs.reader import Run, open_runs
+from hippomat_logs.reader import Run, open_again, open_runs
 from hippomat_logs.replay import LEVELS, ReplayOptions, replay_run
 from hippomat_logs.report import DAMAGED, LOSSY, TOOL_ERROR, LevelResult, RunReport, overall_exit_code
 from hippomat_logs.serve import serve
@@ -129,9 +129,9 @@ def _start_worker(queue: Any) -> None:
     _progress = queue
 
 
-def _replay_in_worker(run_paths: tuple[Path, ...], options: ReplayOptions) -> RunReport:
-    run = open_runs(run_paths)[0]
-    return replay_run(run, options, lambda level, done: _progress.put((str(run_paths[0]), level, done)))
+def _replay_in_worker(run_paths: tuple[Path, ...], inside: str, options: ReplayOptions) -> RunReport:
+    run = open_again(run_paths, inside)
+    return replay_run(run, options, lambda level, done: _progress.put((run.name, level, done)))
 
 
 def _replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
@@ -152,7 +152,7 @@ def _replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
     with bar, ProcessPoolExecutor(workers, context, _start_worker, (queue,)) as pool:
         try:
             with interrupts_held():  # workers inherit it: Ctrl-C is this process's affair
-                futures = [pool.submit(_replay_in_worker, run.paths, options) for run in runs]
+                futures = [pool.submit(_replay_in_worker, run.paths, run.inside, options) for run in runs]
             _watch(futures, runs, queue, bar)
         except KeyboardInterrupt:
             for worker in multiprocessing.active_children():
@@ -162,16 +162,14 @@ def _replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
 
 
 def _watch(futures: list[Future[RunReport]], runs: list[Run], queue: Any, bar: Progress) -> None:
-    rows = {
-        str(run.paths[0]): bar.add_task(f"{run.name[:7]} start ", total=run.records or None) for run in runs
-    }
+    rows = {run.name: bar.add_task(f"{run.name[:7]} start ", total=run.records or None) for run in runs}
     pending: set[Future[RunReport]] = set(futures)
     while pending:
         _, pending = wait(pending, timeout=0.1)
         try:
             while True:
-                path, level, done = queue.get_nowait()
-                bar.update(rows[path], description=f"{Path(path).name[:7]} {level:6}", completed=done)
+                name, level, done = queue.get_nowait()
+                bar.update(rows[name], description=f"{name[:7]} {level:6}", completed=done)
         except Empty:
             pass
 
