@@ -18,17 +18,17 @@ _COLUMNS = (
     "run",
     "offset",
     "drift\n[ppm]",
-    "frames",
-    "off by\n[us]",
+    "frames\nshared",
+    "late by\n[us]",
     "95 %\n[us]",
-    "sure to\n[ms]",
-    "before\nsent",
+    "known to\n[ms]",
+    "heard\ntoo early",
 )
 
 
 def alignment_table(alignment: Alignment) -> Table:
     """One row per run; 80 characters wide."""
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for name in _COLUMNS:
         table.add_column(name, justify="left" if name == "run" else "right", no_wrap=True)
     for clock in alignment.clocks:
@@ -127,7 +127,7 @@ def draw_alignment(alignment: Alignment, path: Path) -> None:
         axis.set_title(f"heard by {receiver}", fontsize=9)
         axis.set_ylim(min(low, -50.0), high)
         if len(links) <= 8:
-            axis.legend(fontsize=7, markerscale=5, loc="upper right")
+            axis.legend(fontsize=7, markerscale=5, loc="lower right")
     figure.supxlabel("common time since the first frame [s]")
     figure.supylabel("late by [us]")
     figure.tight_layout()

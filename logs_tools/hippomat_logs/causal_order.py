@@ -1,8 +1,8 @@
-"""The records of several runs in one order: by common time, each run's own order kept, no effect before its cause.
+"""The records of several runs in one order: by common time, each run's own kept, no effect before its cause.
 
-Decides when a reception is held back: until the record of its sending has come. Daemons read their radios late,
-some later than others, so a frame is often noted by who heard it before it is by who sent it. Knows numbers
-and times, not records; what it gives out never goes back in time.
+Decides when a reception is held back: until the record of its sending has come. Daemons read their radios
+late, some later than others, so a frame is often noted by who heard it before it is by who sent it. Knows
+numbers and times, not records; what it gives out never goes back in time.
 """
 
 from __future__ import annotations

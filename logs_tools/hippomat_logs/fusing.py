@@ -27,6 +27,7 @@ from hippomat_logs.part import (
     FUSED_METADATA,
     RECOVERY_METADATA,
     RUN_METADATA,
+    SPAN_METADATA,
     our_channels,
 )
 from hippomat_logs.reader import NAME_KEY, Run, read_raw
@@ -59,8 +60,9 @@ def fuse(
             placing.write(placed)
             if writer.messages % BATCH == 0:
                 progress(placing.records)
-        for name, (kind, facts) in zip(names, ends, strict=True):
+        for name, (kind, facts), span_ns in zip(names, ends, placing.spans_ns, strict=True):
             writer.facts(kind + name, facts)
+            writer.facts(SPAN_METADATA + name, {"first_ns": str(span_ns[0]), "last_ns": str(span_ns[1])})
         writer.finish()
     return held
 
@@ -124,6 +126,7 @@ class _Placing:
             DerivedTopics(run.store, run.config, name.strip("/") + "/")
             for run, name in zip(runs, names, strict=True)
         ]
+        self.spans_ns = [(0, 0)] * len(runs)  # own log times
         self._begun: set[int] = set()
         self._map = b""  # of whoever had one first: shared
         self.records = 0
@@ -132,8 +135,10 @@ class _Placing:
         run, at_ns, (number, _, (path, raw)) = placed
         if run not in self._begun:
             self._begun.add(run)
+            self.spans_ns[run] = raw.log_time_ns, raw.log_time_ns
             for topic, data in self._views[run].static():
                 self._add(run, topic, number, at_ns, raw.log_time_ns, data)
+        self.spans_ns[run] = self.spans_ns[run][0], max(raw.log_time_ns, self.spans_ns[run][1])
         channel = self._channel(raw.topic, self._names[run] + raw.topic)
         self._writer.add(channel, number, at_ns, raw.log_time_ns, raw.data)
         self.records += 1

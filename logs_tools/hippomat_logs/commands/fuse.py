@@ -84,9 +84,8 @@ def _show(
         line(text)
     if options.out is not None:
         total = sum(run.records for run in runs)
-        line(
-            f"{options.out}: {total:,} records of {len(runs)} runs, {options.out.stat().st_size / 2**20:.1f} MiB"
-        )
+        size_mib = options.out.stat().st_size / 2**20
+        line(f"{options.out}: {total:,} records of {len(runs)} runs, {size_mib:.1f} MiB")
         if held.count:
             line(
                 f"{held.count:,} records stand up to {held.longest_ns / 1e6:.1f} ms late: their daemon noted "
