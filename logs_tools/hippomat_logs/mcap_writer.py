@@ -83,15 +83,15 @@ class McapWriter:
         return number
 
     def add_message(self, channel: int, sequence: int, log_time_ns: int, data: bytes) -> None:
-        self.add_messages(((channel, sequence, log_time_ns, data),))
+        self.add_messages(((channel, sequence, log_time_ns, log_time_ns, data),))
 
-    def add_messages(self, messages: Iterable[tuple[int, int, int, bytes]]) -> None:
-        """Many at once cost half: (channel, sequence, log time, data) of each."""
+    def add_messages(self, messages: Iterable[tuple[int, int, int, int, bytes]]) -> None:
+        """Many at once cost half: (channel, sequence, log time, publish time, data) of each."""
         index, chunk, at, pack = self._index, self._chunk, self._chunk_size, _MESSAGE.pack
-        for channel, sequence, log_time_ns, data in messages:
+        for channel, sequence, log_time_ns, publish_ns, data in messages:
             size = _MESSAGE_FIELDS + len(data)
             index[channel] += (log_time_ns, at)
-            chunk += (pack(MESSAGE, size, channel, sequence, log_time_ns, log_time_ns), data)
+            chunk += (pack(MESSAGE, size, channel, sequence, log_time_ns, publish_ns), data)
             at += 9 + size
             if at >= self._chunk_bytes:
                 self._close_chunk()

@@ -20,6 +20,8 @@ RUN_METADATA = "hippomat.run"  # directly behind the header of every part
 POLICY_ATTACHMENT = "policy.safetensors"  # behind the manifest, where the allocator has weights
 END_METADATA = "hippomat.end"  # last of a part that was finished
 RECOVERY_METADATA = "hippomat.recovery"  # last of a part that was recovered: what it lost
+FUSED_METADATA = "hippomat.fused"  # first of a file that holds several runs: "runs" names their prefixes
+SPAN_METADATA = "hippomat.span"  # of each run in it: its first and last own log time
 CHANNELS_KEY = (
     "channels_crc32"  # of the manifest: which channels the part has, should its first chunk be lost
 )
@@ -125,7 +127,7 @@ class PartWriter:
         channels = self._channels
         self._writer.add_messages(
             [
-                (channels[topic], number & 0xFFFFFFFF, log_time_ns, data)
+                (channels[topic], number & 0xFFFFFFFF, log_time_ns, log_time_ns, data)
                 for topic, number, log_time_ns, data, _ in records
             ]
         )

@@ -23,9 +23,17 @@ from hippomat_logs.manifest import config_of
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.schema import CLASSES, DERIVED, TOPICS, MessageStore
 from hippomat_logs.sink import ACTIVE
-from hippomat_logs.walk import Contents, Inside, RawMessage, counted_inside, walk_strictly
+from hippomat_logs.walk import (
+    Contents,
+    Inside,
+    RawMessage,
+    counted_inside,
+    fused_runs,
+    walk_strictly,
+)
 
 DROPPED = TOPICS[DropRecord]
+NAME_KEY = "name"  # in the manifest of a run in a fused file: what its own files were called
 CLIP_KEY = "clip"  # of the manifest: what the run was cut out of, and why
 COMPARED_FROM_KEY = "compared_from"  # a clip's first record whose effects were kept
 
@@ -84,10 +92,13 @@ class Run:
     lost: list[str] = field(default_factory=list)  # one line per explained loss
     records: int = 0
     recovered: bool = False  # its end is missing
+    inside: str = ""  # of a fused file: the prefix of this run's topics
     store: MessageStore = field(default_factory=reading_store)
 
     @property
     def name(self) -> str:
+        if self.inside:
+            return self.manifest.get(NAME_KEY, self.inside.strip("/"))
         return (
             self.paths[0].name.removesuffix(".mcap").rsplit("_", 1)[0]
             if self.manifest
@@ -136,7 +147,7 @@ class Run:
         self.records, expected = 0, 1
         self.lost, losses = [], Losses()
         for index, path in enumerate(self.paths):
-            contents = Contents()
+            contents = Contents(inside=self.inside)
             for raw in read_raw(path, contents):
                 number, topic = raw.number, raw.topic
                 if topic in DERIVED:
@@ -157,7 +168,7 @@ class Run:
     def raw_messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
         """Messages on these topics as bytes, checksums checked; whether all are there is not."""
         for path in self.paths:
-            for raw in read_raw(path, Contents()):
+            for raw in read_raw(path, Contents(inside=self.inside)):
                 if raw.topic in topics:
                     yield raw
 
@@ -225,21 +236,35 @@ def _gap(expected: int, found: int) -> str:
 
 def open_runs(paths: Sequence[Path]) -> list[Run]:
     """Group files into runs (one per robot and session), parts in order."""
-    groups: dict[tuple[str, str], list[tuple[int, Path, Contents, int]]] = {}
+    groups: dict[tuple[str, ...], list[tuple[int, Path, Contents, int]]] = {}
     store = reading_store()
     for path in dict.fromkeys(_expanded(paths)):
-        contents, messages = read_contents(path, store)
-        manifest = contents.manifest
-        key = manifest.get("robot", ""), manifest.get("session_id", "")
-        groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, contents, messages))
+        for inside in runs_inside(path) or ("",):
+            contents, messages = read_contents(path, store, inside)
+            manifest = contents.manifest
+            whole = str(path) if inside else ""  # a run in a fused file has no further parts
+            key = manifest.get("robot", ""), manifest.get("session_id", ""), whole
+            groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, contents, messages))
     runs = []
     for parts in groups.values():
         parts.sort(key=lambda part: part[0])
         total, first = sum(messages for *_, messages in parts), parts[0][2]
         paths_in_order = tuple(path for _, path, *_ in parts)
         policy = next((contents.policy for *_, contents, _ in parts if contents.policy), b"")
-        runs.append(Run(paths_in_order, first.manifest, policy, records=total, store=store))
+        run = Run(paths_in_order, first.manifest, policy, records=total, store=store, inside=first.inside)
+        runs.append(run)
     return sorted(runs, key=lambda run: (run.robot, run.manifest.get("started_ns", "")))
+
+
+def open_again(paths: Sequence[Path], inside: str) -> Run:
+    """The one run that Run.paths and Run.inside name, e.g. in another process."""
+    return next(run for run in open_runs(paths) if run.inside == inside)
+
+
+def runs_inside(path: Path) -> tuple[str, ...]:
+    """The prefixes of the runs in a fused file; none in any other."""
+    with mapped(path) as data:
+        return fused_runs(data)
 
 
 def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
@@ -255,12 +280,12 @@ def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
             yield path
 
 
-def read_contents(path: Path, store: MessageStore) -> tuple[Contents, int]:
+def read_contents(path: Path, store: MessageStore, inside: str = "") -> tuple[Contents, int]:
     """What a part holds beside its records, and how many those are.
 
     After a check of all its bytes, of its message definitions, and that the policy is the manifest's.
     """
-    contents = Contents()
+    contents = Contents(inside=inside)
     for _ in read_raw(path, contents, counted_inside):
         pass
     channels = contents.channels

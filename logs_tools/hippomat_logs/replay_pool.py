@@ -19,7 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from hippomat_logs.interrupts import interrupts_held
 from hippomat_logs.manifest import recorded_threads
-from hippomat_logs.reader import Run, open_runs
+from hippomat_logs.reader import Run, open_again
 from hippomat_logs.replay import ReplayOptions, replay_run
 from hippomat_logs.report import RunReport
 
@@ -32,9 +32,9 @@ def _start_worker(queue: Any) -> None:
     _progress = queue
 
 
-def _replay_in_worker(run_paths: tuple[Path, ...], options: ReplayOptions) -> RunReport:
-    run = open_runs(run_paths)[0]
-    return replay_run(run, options, lambda level, done: _progress.put((str(run_paths[0]), level, done)))
+def _replay_in_worker(run_paths: tuple[Path, ...], inside: str, options: ReplayOptions) -> RunReport:
+    run = open_again(run_paths, inside)
+    return replay_run(run, options, lambda level, done: _progress.put((run.name, level, done)))
 
 
 def in_a_process(run: Run, work: Callable[..., T], *arguments: Any) -> T:
@@ -69,7 +69,7 @@ def replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
     with bar, ProcessPoolExecutor(workers, context, _start_worker, (queue,)) as pool:
         try:
             with interrupts_held():  # workers inherit it: Ctrl-C is this process's affair
-                futures = [pool.submit(_replay_in_worker, run.paths, options) for run in runs]
+                futures = [pool.submit(_replay_in_worker, run.paths, run.inside, options) for run in runs]
             _watch(futures, runs, queue, bar)
         except KeyboardInterrupt:
             for worker in multiprocessing.active_children():
@@ -79,15 +79,13 @@ def replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
 
 
 def _watch(futures: list[Future[RunReport]], runs: list[Run], queue: Any, bar: Progress) -> None:
-    rows = {
-        str(run.paths[0]): bar.add_task(f"{run.name[:7]} start ", total=run.records or None) for run in runs
-    }
+    rows = {run.name: bar.add_task(f"{run.name[:7]} start ", total=run.records or None) for run in runs}
     pending: set[Future[RunReport]] = set(futures)
     while pending:
         _, pending = wait(pending, timeout=0.1)
         try:
             while True:
-                path, level, done = queue.get_nowait()
-                bar.update(rows[path], description=f"{Path(path).name[:7]} {level:6}", completed=done)
+                name, level, done = queue.get_nowait()
+                bar.update(rows[name], description=f"{name[:7]} {level:6}", completed=done)
         except Empty:
             pass

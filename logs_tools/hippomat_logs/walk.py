@@ -34,6 +34,7 @@ from hippomat_logs.mcap_writer import (
 from hippomat_logs.part import (
     CHANNELS_KEY,
     END_METADATA,
+    FUSED_METADATA,
     POLICY_ATTACHMENT,
     RECOVERY_METADATA,
     RUN_METADATA,
@@ -63,8 +64,11 @@ class Contents:
     """What a walk has met so far; complete when the walk has ended.
 
     expected: the channels that this version would have written, for files that lost their description.
+    inside: of a fused file, the run whose messages, facts and attachments are wanted, by its prefix
+    ("/robot03"). They are given as its own log had them: without the prefix, at its own log times.
     """
 
+    inside: str = ""
     expected: Mapping[int, ChannelSpec] = field(default_factory=dict)
     manifest: dict[str, str] = field(default_factory=dict)
     end: dict[str, str] = field(default_factory=dict)
@@ -158,10 +162,24 @@ def walk_strictly(
     if not contents.manifest:
         raise LogError(
             f"{name}: holds no {RUN_METADATA} metadata; was it recorded by hippomat? (A merged file is for "
-            "viewers: here the robots' own logs are needed.)"
+            "viewers: here the robots' own logs are needed, or what `hippomat-logs fuse` makes of them.)"
         )
     if contents.messages != promised:
         raise LogError(f"{name}: {contents.messages} messages read, but its summary promises {promised}")
+
+
+def fused_runs(data: memoryview) -> tuple[str, ...]:
+    """Prefixes of the runs in a fused file, by its first metadata; of any other file, whole or not: none."""
+    try:
+        first = [
+            (o, body) for (o, body, _), _ in zip(records(data, len(MAGIC), len(data)), range(2), strict=False)
+        ]
+        if [opcode for opcode, _ in first] != [HEADER, METADATA]:
+            return ()
+        name, facts = metadata_of(first[1][1], 0)
+    except (LogError, struct.error, UnicodeDecodeError):
+        return ()
+    return tuple(facts.get("runs", "").split()) if name == FUSED_METADATA else ()
 
 
 def with_offsets(data: memoryview, start: int, end: int) -> Iterator[tuple[int, int, memoryview, int]]:
@@ -234,10 +252,10 @@ def chunk_head(body: memoryview) -> tuple[int, int, int]:
 
 def messages_inside(inside: bytes, contents: Contents) -> Iterator[RawMessage]:
     """The messages of an inflated chunk. Flat, because all that is read of a log comes through here."""
-    channels, unpack = contents.channels, _MESSAGE.unpack_from
+    channels, unpack, fused = contents.channels, _MESSAGE.unpack_from, bool(contents.inside)
     at, end = 0, len(inside)
     while at + _MESSAGE.size <= end:
-        opcode, length, channel, number, log_time_ns, _ = unpack(inside, at)
+        opcode, length, channel, number, log_time_ns, publish_ns = unpack(inside, at)
         behind = at + 9 + length
         if behind > end:
             break
@@ -249,9 +267,10 @@ def messages_inside(inside: bytes, contents: Contents) -> Iterator[RawMessage]:
             if channel not in channels:
                 _take_expected(channel, contents)
             contents.messages += 1
-            yield RawMessage(
-                number, log_time_ns, channels[channel].topic, inside[at + _MESSAGE.size : behind]
-            )
+            topic = channels[channel].topic
+            if topic:  # else another run's, in a fused file
+                time_ns = publish_ns if fused else log_time_ns
+                yield RawMessage(number, time_ns, topic, inside[at + _MESSAGE.size : behind])
         at = behind
     for opcode, body, _ in records(memoryview(inside), at, end):  # shorter than any message, or cut
         _description(opcode, body, contents)
@@ -329,11 +348,11 @@ def metadata_of(body: memoryview, at: int) -> tuple[str, dict[str, str]]:
 
 def _metadata(body: memoryview, at: int, contents: Contents) -> None:
     name, pairs = metadata_of(body, at)
-    if name == RUN_METADATA:
+    if name == RUN_METADATA + contents.inside:
         contents.manifest.update(pairs)
-    elif name == END_METADATA:
+    elif name == END_METADATA + contents.inside:
         contents.end.update(pairs)
-    elif name == RECOVERY_METADATA:
+    elif name == RECOVERY_METADATA + contents.inside:
         contents.recovery.update(pairs)
 
 
@@ -346,7 +365,13 @@ def _attachment(body: memoryview, at: int, contents: Contents) -> None:
             raise LogError("wrong length or checksum")
     except (LogError, struct.error, UnicodeDecodeError) as error:
         raise LogError(f"attachment at byte {at}: {error}") from None
-    contents.attachments[name] = bytes(body[behind + 8 : -4])
+    if (short := _own(name, contents.inside.strip("/"))) is not None:
+        contents.attachments[short] = bytes(body[behind + 8 : -4])
+
+
+def _own(name: str, inside: str) -> str | None:
+    """What a run of a fused file calls it; None: it is not that run's."""
+    return name[len(inside) :].lstrip("/") if name.startswith(f"{inside}/") else None if inside else name
 
 
 def _schema(body: memoryview, contents: Contents) -> None:
@@ -361,4 +386,7 @@ def _channel(body: memoryview, contents: Contents) -> None:
     topic, at = string_of(body, 4)
     _, at = string_of(body, at)
     name, definition = contents.schemas[schema]
+    if contents.inside:
+        short = _own(topic, contents.inside)
+        topic = "" if short is None else "/" + short
     contents.channels[number] = ChannelSpec(topic, name, definition, tuple(pairs_of(body, at).items()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,7 @@ from hippomat_logs.walk import RawMessage
 
 YEAR_S = 31_557_600
 ROUND_S = 0.1
+WANDER_S = 1200.0
 
 
 @dataclass(frozen=True)
@@ -25,9 +27,11 @@ class Clock:
 
     offset_ns: int = 0
     drift_ppm: float = 0.0
+    wander_ns: float = 0.0  # its rate follows a temperature that goes up and down in WANDER_S
 
     def at_ns(self, true_s: float) -> int:
-        return self.offset_ns + round(true_s * 1e9) + round(true_s * 1e3 * self.drift_ppm)
+        wandered_ns = self.wander_ns * math.sin(2 * math.pi * true_s / WANDER_S)
+        return self.offset_ns + round(true_s * 1e9) + round(true_s * 1e3 * self.drift_ppm + wandered_ns)
 
 
 @dataclass(frozen=True)

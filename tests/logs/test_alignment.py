@@ -82,6 +82,19 @@ def test_clocks_ten_years_and_100_ppm_apart_agree_within_two_milliseconds() -> N
     assert alignment.clocks[1].drift_ppm == pytest.approx(90.0, abs=20.0)
 
 
+def test_a_rate_that_wanders_with_the_temperature_is_followed() -> None:
+    there = [Robot(Clock(drift_ppm=20.0)), Robot(Clock(YEAR_S * S, 0.0, wander_ns=4e6))]
+    runs = fleet(there, 480.0, 11)
+    alignment = align_runs(runs)
+    times_s = np.linspace(0.0, 480.0, 100)
+    own, true = (np.array([robot.clock.at_ns(t) for t in times_s]) for robot in (there[1], there[0]))
+    off_ns = np.abs(alignment.common_ns_array(runs[1], own) - true).max()
+    assert off_ns <= alignment.clocks[1].uncertainty_ns < 2_000_000
+    straight = np.polyfit(times_s, own - own[0] - times_s * 1e9, 1)
+    bent_ns = np.abs(own - own[0] - times_s * 1e9 - np.polyval(straight, times_s)).max()
+    assert off_ns < bent_ns / 2  # than the best line
+
+
 def test_the_order_in_which_runs_are_given_changes_nothing() -> None:
     runs = fleet(THREE, SECONDS, 2)
     one, other = align_runs(runs), align_runs(runs[::-1])
