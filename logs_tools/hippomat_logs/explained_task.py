@@ -21,6 +21,11 @@ def show_task(story: FleetStory, life: TaskLife, console: Console, with_costs: b
     say(console, _learnt(life.learnt, life.replaced), 2)
     if life.costs and with_costs:
         console.print(_costs(story, life))
+        say(
+            console,
+            "* asked for it; whoever holds a claim counts from where and when it is done with that",
+            2,
+        )
     for request in life.requests:
         _show_request(story, request, console)
     if not life.requests:

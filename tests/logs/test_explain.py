@@ -214,7 +214,9 @@ def test_the_command_prints_the_life_and_the_same_as_json(
     for said in ("robot 0 asked for it", "endorsed by robot 1", "confirmed in round", "completed in round"):
         assert said in out
     assert main(["explain", "--task", "0", logs]) == 0
-    assert "slot 0 had generations 1 to 2: --task 0:1, or 0:all" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "robot 0 asked for it" in out, "the last task that was requested"
+    assert "slot 0 had generations 1 to 2: --task 0:1, or 0:all" in out
     assert main(["explain", "--task", "0:all", "--json", logs]) == 0
     tasks = json.loads(capsys.readouterr().out)["tasks"]
     assert [life["generation"] for life in tasks] == [1, 2]

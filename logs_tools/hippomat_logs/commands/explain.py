@@ -7,6 +7,7 @@ import dataclasses
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from hippomat_logs.fleet_story.reading import Keep
 from hippomat_logs.fleet_story.story import FleetStory, fleet_story
 from hippomat_logs.fleet_story.task_life import task_life
 from hippomat_logs.fleet_story.values import Decision, Task
+from hippomat_logs.paragraphs import say
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.report import DAMAGED, REPRODUCED
 
@@ -36,7 +38,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add = parser.add_argument
     add("paths", nargs="+", type=Path, metavar="LOG", help="logs of one fleet run, or directories")
-    what = "a task slot, with its generation (3:7), :last (the default) or :all"
+    what = "a task slot; with a generation (3:7), :last (default: the last that was requested) or :all"
     add("--task", metavar="SLOT[:GEN]", help=what)
     add("--robot", type=int, metavar="ID", help="the robot whose decision to explain")
     add("--round", type=int, metavar="K", help="the allocation round at whose end it decided")
@@ -67,27 +69,39 @@ def _explain_task(options: argparse.Namespace, runs: list[Run], console: Console
     if found is None:
         raise HippomatError(f"--task {options.task}: give a slot, as in 3, 3:7, 3:last or 3:all")
     slot, which = int(found[1]), found[2] or LAST
-    if which not in (LAST, ALL):
-        story = fleet_story(runs, keep=_of_task(slot, int(which)))
-        tasks = [_known(story, slot, int(which))]
-    else:
-        story = fleet_story(runs)
-        tasks = _generations(story, slot)
-        if which == LAST:
-            tasks = tasks[-1:]
-            story = fleet_story(runs, keep=_of_task(*tasks[0]))
+    known, asked = _tasks_in(runs)
+    tasks = _of_slot(known, slot)
+    if which == LAST:
+        tasks = [max(asked & set(tasks), default=tasks[-1])]
+    elif which != ALL:
+        tasks = [_named(tasks, int(which))]
+    story = fleet_story(runs) if which == ALL else fleet_story(runs, keep=_of_task(*tasks[0]))
     lives = [task_life(story, task) for task in tasks]
     if options.json:
-        print(json.dumps({"tasks": [finite(dataclasses.asdict(life)) for life in lives]}, indent=2))
+        _print_json(story, {"tasks": [dataclasses.asdict(life) for life in lives]})
         return story
     for life in lives:
         show_task(story, life, console, with_costs=which != ALL)
-    if found[2] is None:
-        first, last = _generations(story, slot)[0][1], tasks[-1][1]
-        if first != last:
-            text = f"slot {slot} had generations {first} to {last}: --task {slot}:{first}, or {slot}:all"
-            console.print(text, markup=False)
+    if found[2] is None and len(of_slot := _of_slot(known, slot)) > 1:
+        first, last = of_slot[0][1], of_slot[-1][1]
+        say(console, f"slot {slot} had generations {first} to {last}: --task {slot}:{first}, or {slot}:all")
     return story
+
+
+def _print_json(story: FleetStory, facts: dict[str, Any]) -> None:
+    print(json.dumps(finite({**facts, "without_log": story.missing, "lost": story.lost}), indent=2))
+
+
+def _tasks_in(runs: list[Run]) -> tuple[set[Task], set[Task]]:
+    """All that were known to anybody; those that were requested."""
+    known, asked = set[Task](), set[Task]()
+    for run in runs:
+        for record in run.records_in_order((m.TaskTurned, m.ClaimChanged)):
+            change = record.message
+            known.add((change.slot, change.generation))
+            if isinstance(change, m.ClaimChanged):
+                asked.add((change.slot, change.generation))
+    return known, asked
 
 
 def _of_task(slot: int, generation: int) -> Keep:
@@ -100,21 +114,20 @@ def _of_task(slot: int, generation: int) -> Keep:
     return keep
 
 
-def _generations(story: FleetStory, slot: int) -> list[Task]:
-    known = [task for task in story.tasks() if task[0] == slot]
-    if known:
-        return known
-    slots = sorted({task[0] for task in story.tasks()})
+def _of_slot(known: set[Task], slot: int) -> list[Task]:
+    if tasks := sorted(task for task in known if task[0] == slot):
+        return tasks
+    slots = sorted({task[0] for task in known})
     has = f"slots {slots[0]} to {slots[-1]} have" if slots else "no slot has"
     raise HippomatError(f"--task {slot}: no log knows a task in slot {slot}; {has} one")
 
 
-def _known(story: FleetStory, slot: int, generation: int) -> Task:
-    known = _generations(story, slot)
-    if (slot, generation) not in known:
+def _named(tasks: list[Task], generation: int) -> Task:
+    slot = tasks[0][0]
+    if (slot, generation) not in tasks:
         raise HippomatError(
-            f"--task {slot}:{generation}: no log knows it; slot {slot} had generations {known[0][1]} to "
-            f"{known[-1][1]}"
+            f"--task {slot}:{generation}: no log knows it; slot {slot} had generations {tasks[0][1]} to "
+            f"{tasks[-1][1]}"
         )
     return slot, generation
 
@@ -138,7 +151,7 @@ def _explain_decision(options: argparse.Namespace, runs: list[Run], console: Con
     view = decision_view(story, seen)
     claim = next((c for c in story.robots[robot].claims if c.requested.round == number), None)
     if options.json:
-        print(json.dumps(finite(dataclasses.asdict(view)), indent=2))
+        _print_json(story, dataclasses.asdict(view))
     else:
         show_decision(story, view, claim, console)
     return story

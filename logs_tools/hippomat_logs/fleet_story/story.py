@@ -18,7 +18,7 @@ from hippomat_core.maps.map_event import grid_in
 from hippomat_core.planning.ground import ground_of
 from hippomat_logs.each_file import progress_bar
 from hippomat_logs.fleet_story.reading import KINDS, Keep, RobotReading, requests_only
-from hippomat_logs.fleet_story.values import NO_ROUND, Claim, RobotStory, Task
+from hippomat_logs.fleet_story.values import NO_ROUND, Claim, RobotStory
 from hippomat_logs.reader import Run
 
 _STEP = 2000  # records between two moves of the progress bar
@@ -57,11 +57,6 @@ class FleetStory:
 
     def policy(self, robot: int) -> bytes:
         return self.runs[robot][0].policy
-
-    def tasks(self) -> list[Task]:
-        """Every task that any robot knew of."""
-        known = {(t.slot, t.generation) for story in self.robots.values() for _, t in story.turned}
-        return sorted(known | {claim.task for claim in self.claims})
 
 
 def fleet_story(
