@@ -19,7 +19,7 @@ from hippomat_core.errors import HippomatError
 from hippomat_logs.commands import convert, doctor, export, info, make_map, plot, select
 from hippomat_logs.metrics import FleetMetrics, run_metrics
 from hippomat_logs.recovery import recover
-from hippomat_logs.replay_cli import Parser
+from hippomat_logs.replay_arguments import Parser
 from hippomat_logs.report import REPRODUCED
 from hippomat_logs.tables import fleet_lines, metrics_table
 

@@ -1,0 +1,66 @@
+"""The command line of hippomat-replay: what can be asked, and what is refused before a log is opened."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+from hippomat_logs.replay import LEVELS, ReplayOptions
+from hippomat_logs.report import TOOL_ERROR
+
+EPILOG = """exit codes:
+  0  reproduced            1  tool or usage error
+  2  diverged              3  a log is damaged or lossy
+
+levels:
+  L0      every byte, checksum and record number
+  L1      serial bytes decode to the recorded events and encode to the same bytes
+  L2      the recorded events give the recorded decisions
+  daemon  the real daemon on fake serial ports that offer the recorded bytes decides the same
+  L3      the recorded commands move a simulated robot as recorded (needs hippomat[sim])
+"""
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse's own exit code for usage errors is 2, which here means "diverged"."""
+
+    def error(self, message: str) -> NoReturn:
+        self.print_usage(sys.stderr)
+        self.exit(TOOL_ERROR, f"{self.prog}: {message}\n")
+
+
+def parser() -> Parser:
+    made = Parser(
+        prog="hippomat-replay",
+        description="Reproduce recorded runs: check every log, then decide everything again from its events.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    made.add_argument("logs", nargs="+", type=Path, metavar="RUN.mcap", help="logs, or directories of logs")
+    made.add_argument("--levels", type=_levels, default=LEVELS, metavar="L0,L1,...", help="only these levels")
+    made.add_argument(
+        "--no-daemon", action="store_true", help="do not start the daemon (same as leaving it out)"
+    )
+    made.add_argument("--strict", action="store_true", help="a miss of L3's bar is a divergence")
+    made.add_argument("--json", action="store_true", help="print the results as JSON")
+    made.add_argument(
+        "--serve", action="store_true", help="only offer the recorded ports to a daemon of yours"
+    )
+    return made
+
+
+def _levels(text: str) -> tuple[str, ...]:
+    wanted = {name.strip() for name in text.split(",")} | {"L0"}
+    unknown = wanted - set(LEVELS)
+    if unknown:
+        raise argparse.ArgumentTypeError(
+            f"unknown level {', '.join(sorted(unknown))}; known: {', '.join(LEVELS)}"
+        )
+    return tuple(level for level in LEVELS if level in wanted)
+
+
+def replay_options(options: argparse.Namespace) -> ReplayOptions:
+    levels = tuple(name for name in options.levels if not (options.no_daemon and name == "daemon"))
+    return ReplayOptions(levels, options.strict)
