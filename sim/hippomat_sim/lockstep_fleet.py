@@ -1,4 +1,4 @@
-"""A whole fleet in one process: devices, air and robots, one thing after the other, without a clock of its own.
+"""A whole fleet in one process: devices, air, robots, one thing after the other, without a clock of its own.
 
 Deterministic: the same plan and seed give the same records in the same order. As fast as the processor
 allows; robots are as punctual as if each had one to itself.

@@ -1,4 +1,4 @@
-"""One robot's computer without its process: bytes -> events -> step() -> effects -> bytes, as the daemon does.
+"""One robot's computer without its process: bytes -> events -> step() -> effects -> bytes, like the daemon.
 
 The order of records is the daemon's (hippomat_host/daemon.py). Knows no world and no other robot; time comes
 with every call, and the devices' bytes wait in an inbox until the robot looks, as they do on a real one.
