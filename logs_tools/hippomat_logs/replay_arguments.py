@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
+from hippomat_logs.closed_loop.command import add_options as add_closed_loop
 from hippomat_logs.replay import LEVELS, ReplayOptions
 from hippomat_logs.report import TOOL_ERROR
 
@@ -20,6 +21,7 @@ levels:
   L2      the recorded events give the recorded decisions
   daemon  the real daemon on fake serial ports that offer the recorded bytes decides the same
   L3      the recorded commands move a simulated robot as recorded (needs hippomat[sim])
+  L4      --closed-loop: the whole fleet again in simulation, many times (needs hippomat[sim])
 """
 
 
@@ -48,11 +50,14 @@ def parser() -> Parser:
     made.add_argument(
         "--serve", action="store_true", help="only offer the recorded ports to a daemon of yours"
     )
+    add_closed_loop(made)
     return made
 
 
 def _levels(text: str) -> tuple[str, ...]:
     wanted = {name.strip() for name in text.split(",")} | {"L0"}
+    if "L4" in wanted:
+        raise argparse.ArgumentTypeError("L4 is of a fleet, not of one log: --closed-loop runs it")
     unknown = wanted - set(LEVELS)
     if unknown:
         raise argparse.ArgumentTypeError(

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from hippomat_core.errors import HippomatError
+from hippomat_logs.closed_loop import command as closed_loop
 from hippomat_logs.reader import open_runs
 from hippomat_logs.replay_arguments import parser, replay_options
 from hippomat_logs.replay_pool import replay_all
@@ -24,9 +25,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
     try:
+        again = closed_loop.is_wanted(options)
         runs = open_runs(options.logs)
         if options.serve:
             return serve(runs, console)
+        if again:
+            return closed_loop.run(runs, options, console)
         reports = replay_all(runs, replay_options(options))
     except HippomatError as error:
         say_error(error, options.json, console)

@@ -1,7 +1,8 @@
 """One recorded robot's world again, for replay level L3: its map, its body, its commands. Knows no logs.
 
-Offered to hippomat_logs (level3; closed_loop for whole fleets) through the entry-point group hippomat.replay_worlds. The base's answer to a
-command is the simulated base's own (Body); delays of a real one show up as error, which is what L3 measures.
+Offered to hippomat_logs.level3 through the entry-point group hippomat.replay_worlds, and with it whole fleets
+for level L4 (closed_loop.py). The base's answer to a command is the simulated base's own (Body); delays of a
+real one show up as error, which is what L3 measures.
 """
 
 from __future__ import annotations

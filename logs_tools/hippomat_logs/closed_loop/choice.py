@@ -1,4 +1,4 @@
-"""Another way to decide than the recorded one: which allocator, with which weights. Opens the policy's file."""
+"""Another way to decide than the recorded one: which allocator, with which weights. Opens the file."""
 
 from __future__ import annotations
 

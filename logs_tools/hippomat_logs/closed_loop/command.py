@@ -158,6 +158,7 @@ def recorded_metrics(recording: Recording) -> FleetMetrics:
     """Of the logs, all times on the fleet's common clock."""
     robots = []
     for run_ in recording.runs:
+
         def common_s(at_s: float, run_: Run = run_) -> float:
             return recording.alignment.common_ns(run_, round(at_s * 1e9)) / 1e9
 
@@ -170,7 +171,10 @@ def _allocator(recording: Recording) -> str:
 
 
 def _report(recording: Recording, opened: OpenLoop | None, closed: ClosedLoop | None) -> dict[str, Any]:
-    found: dict[str, Any] = {"robots": [run_.robot for run_ in recording.runs], "notes": list(recording.notes)}
+    found: dict[str, Any] = {
+        "robots": [run_.robot for run_ in recording.runs],
+        "notes": list(recording.notes),
+    }
     if opened is not None:
         found["open_loop"] = _without_nan(asdict(opened))
     if closed is not None:
