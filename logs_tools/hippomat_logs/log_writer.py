@@ -58,7 +58,7 @@ class LogWriter:
         return self._writer.add_channel(topic, "cdr", self._schemas[key], dict(spec.metadata))
 
     def add(self, channel: int, sequence: int, log_time_ns: int, publish_ns: int, data: bytes) -> None:
-        self._writer.add_message(channel, sequence & 0xFFFFFFFF, log_time_ns, data, publish_ns)
+        self._writer.add_messages(((channel, sequence & 0xFFFFFFFF, log_time_ns, publish_ns, data),))
         self.messages += 1
         if self.messages % FLUSH_ROWS == 0:
             self._writer.flush()

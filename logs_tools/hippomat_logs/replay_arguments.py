@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from hippomat_core.errors import HippomatError
+from hippomat_logs.closed_loop.command import add_options as add_closed_loop
 from hippomat_logs.replay import LEVELS, ReplayOptions
 from hippomat_logs.report import TOOL_ERROR
 
@@ -21,6 +22,7 @@ levels:
   L2      the recorded events give the recorded decisions
   daemon  the real daemon on fake serial ports that offer the recorded bytes decides the same
   L3      the recorded commands move a simulated robot as recorded (needs hippomat[sim])
+  L4      --closed-loop: the whole fleet again in simulation, many times (needs hippomat[sim])
 """
 
 
@@ -53,11 +55,14 @@ def parser() -> Parser:
     _add_serve(made.add_argument_group("offering a run to a daemon of yours"))
     _add_clip(made.add_argument_group("cutting a divergence out"))
     _add_golden(made.add_argument_group("golden runs (docs/replay.md)"))
+    add_closed_loop(made)
     return made
 
 
 def _add_serve(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--serve", action="store_true", help="only offer the recorded ports, as pseudo-terminals")
+    group.add_argument(
+        "--serve", action="store_true", help="only offer the recorded ports, as pseudo-terminals"
+    )
     group.add_argument("--speed", type=float, default=1.0, metavar="X", help="times real time (default 1)")
     group.add_argument(
         "--step", action="store_true", help="wait for Enter: one read; a number: so many; t S: S seconds"
@@ -100,6 +105,8 @@ def check(options: argparse.Namespace) -> None:
 
 def _levels(text: str) -> tuple[str, ...]:
     wanted = {name.strip() for name in text.split(",")} | {"L0"}
+    if "L4" in wanted:
+        raise argparse.ArgumentTypeError("L4 is of a fleet, not of one log: --closed-loop runs it")
     unknown = wanted - set(LEVELS)
     if unknown:
         raise argparse.ArgumentTypeError(

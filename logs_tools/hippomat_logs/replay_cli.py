@@ -13,6 +13,7 @@ from rich.console import Console
 
 from hippomat_core.errors import HippomatError
 from hippomat_logs.clip_command import clip, cut_window
+from hippomat_logs.closed_loop import command as closed_loop
 from hippomat_logs.golden_command import update_golden
 from hippomat_logs.reader import open_runs
 from hippomat_logs.replay_arguments import check, parser, replay_options
@@ -27,6 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
     try:
         check(options)
+        again = closed_loop.is_wanted(options)
         if options.update_golden:
             accepted = (options.reason, options.allow_dirty, options.json)
             return update_golden(options.logs, *accepted, console)
@@ -37,6 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return serve(runs, console, options.speed, options.step)
         if options.clip:
             return clip(runs, options.clip, console)
+        if again:
+            return closed_loop.run(runs, options, console)
         reports = replay_all(runs, replay_options(options))
     except HippomatError as error:
         say_error(error, options.json, console)

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_sim.fleet_run import FleetRun, RunResult, require_linux
+from hippomat_sim.lockstep_run import LockstepRun
 from hippomat_sim.maps import find_demo_map
 from hippomat_sim.run_logs import completions, log_files
 from hippomat_sim.run_settings import Carried, RunSettings
@@ -26,6 +27,7 @@ a task was done twice, or (demo) a replay diverged
 examples:
   hippomat-sim demo
   hippomat-sim run --map lab.yaml --robots 3 --seconds 120 --loss 0.3
+  hippomat-sim run --map lab.yaml --robots 5 --seconds 600 --lockstep --out runs/five
   hippomat-sim run --map willow-full-0.05.pgm --resolution 0.05 --slam --speed 0.5 --seconds 300
 """
 
@@ -46,7 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
             return run_demo(_settings(options), console)
         settings = _settings(options)
-        result = FleetRun(settings, view_for(console)).execute()
+        run = LockstepRun if options.lockstep else FleetRun
+        result = run(settings, view_for(console)).execute()
         _say_where(result, settings, console)
     except HippomatError as error:
         print(f"hippomat-sim: {error}", file=sys.stderr)
@@ -90,6 +93,11 @@ def _parser() -> argparse.ArgumentParser:
         default=0.0,
         metavar="P",
         help="and drift by up to P parts per million (default 0)",
+    )
+    run.add_argument(
+        "--lockstep",
+        action="store_true",
+        help="everything in this process, as fast as it can: no daemons, no clock; equal runs, equal logs",
     )
     for command in (run, demo):
         _add_run_options(command)
@@ -183,7 +191,11 @@ def _summary(result: RunResult, console: Console) -> int:
         line(
             f"the processor was too busy: the run took {result.slipped_s:.0f} s longer than the world's time"
         )
-    line(f"the world took {100 * result.busy:.0f} % of one processor")
+    if result.real_s:
+        factor = result.seconds / result.real_s
+        line(f"in lockstep: {result.seconds:.1f} s in {result.real_s:.1f} s, {factor:.1f} x real time")
+    else:
+        line(f"the world took {100 * result.busy:.0f} % of one processor")
     if result.troubles:
         return 1
     return 2 if result.contacts else 0
