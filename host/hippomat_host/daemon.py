@@ -49,10 +49,13 @@ from hippomat_host.fleet_view import FleetView
 from hippomat_host.happenings import Happening
 from hippomat_host.links import Link
 from hippomat_host.loop_solver import LoopSolver
+from hippomat_host.process_use import used
 from hippomat_host.reactor import Reactor
 from hippomat_host.screen import REFRESH_S, Screen
 from hippomat_logs.recorder import RecorderStatus
 from hippomat_logs.records import FROM_DEVICE, IDENTIFICATION, RUNNING, TO_DEVICE
+
+USE_PERIOD_NS = 1_000_000_000
 
 
 class Recording(Protocol):
@@ -62,6 +65,7 @@ class Recording(Protocol):
     def effect(self, stamp_ns: int, effect: Effect) -> None: ...
     def serial(self, stamp_ns: int, port: int, direction: int, phase: int, data: bytes) -> None: ...
     def timing(self, stamp_ns: int, compute_ns: int, lag_ns: int) -> None: ...
+    def process(self, stamp_ns: int, real_ns: int, cpu_ns: int, peak_memory_kib: int) -> None: ...
     def status(self) -> RecorderStatus: ...
     def close(self, timeout_s: float = 10.0) -> RecorderStatus: ...
 
@@ -73,6 +77,7 @@ class NoRecording:
     def effect(self, stamp_ns: int, effect: Effect) -> None: ...
     def serial(self, stamp_ns: int, port: int, direction: int, phase: int, data: bytes) -> None: ...
     def timing(self, stamp_ns: int, compute_ns: int, lag_ns: int) -> None: ...
+    def process(self, stamp_ns: int, real_ns: int, cpu_ns: int, peak_memory_kib: int) -> None: ...
     def status(self) -> RecorderStatus:
         return RecorderStatus(0, 0, "", "")
 
@@ -103,6 +108,7 @@ class Daemon:
         self._decoders: dict[int, DeviceDecoder] = {}  # of the ports that are open
         self._stamp_ns = 0
         self._shown_ns = 0
+        self._use_due_ns = 0
         self._log_problem = ""
         self._actions: dict[str, Callable[[Happening], None]] = {
             happenings.START: self._start,
@@ -125,6 +131,9 @@ class Daemon:
             busy_ns += now() - begun_ns
             if told.what == happenings.TICK:
                 self._recording.timing(told.stamp_ns, busy_ns, told.lag_ns)
+                if told.stamp_ns >= self._use_due_ns:
+                    self._use_due_ns = told.stamp_ns + USE_PERIOD_NS
+                    self._recording.process(told.stamp_ns, *used())
                 acted(self._config.robot.id, told.stamp_ns)
                 busy_ns = 0
         self._stamp_ns = max(self._stamp_ns, told.stamp_ns)

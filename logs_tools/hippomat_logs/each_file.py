@@ -1,4 +1,4 @@
-"""The same work on many files: one process per file, a progress bar, results in the order of the files."""
+"""The same work on many files or groups of them: a process for each, a progress bar, results in their order."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from hippomat_logs.interrupts import interrupts_held
 
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 WORTH_A_PROCESS_BYTES = 4 << 20  # starting one costs a second
 
@@ -29,22 +30,29 @@ def each_file(
     paths: Sequence[Path], work: Callable[[Path], Result], label: str
 ) -> Iterator[tuple[Path, Result]]:
     """work(path) for every path; `work` must be importable, and raise nothing but what ends everything."""
-    workers = min(len(paths), os.cpu_count() or 1)
     size = sum(path.stat().st_size for path in paths if path.is_file())
+    yield from zip(paths, each_item(paths, work, label, size), strict=True)
+
+
+def each_item(
+    items: Sequence[Item], work: Callable[[Item], Result], label: str, size: int
+) -> Iterator[Result]:
+    """work(item) for every item, in order. size: bytes of all files in them."""
+    workers = min(len(items), os.cpu_count() or 1)
     with progress_bar() as bar:
-        task = bar.add_task(label, total=len(paths))
+        task = bar.add_task(label, total=len(items))
         if workers < 2 or size < WORTH_A_PROCESS_BYTES:
-            for path in paths:
-                yield path, work(path)
+            for item in items:
+                yield work(item)
                 bar.advance(task)
             return
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(workers, context) as pool:
             try:
                 with interrupts_held():  # workers inherit it: Ctrl-C is this process's affair
-                    futures = [pool.submit(work, path) for path in paths]
-                for path, future in zip(paths, futures, strict=True):
-                    yield path, future.result()
+                    futures = [pool.submit(work, item) for item in items]
+                for future in futures:
+                    yield future.result()
                     bar.advance(task)
             except KeyboardInterrupt:
                 for worker in multiprocessing.active_children():

@@ -137,6 +137,13 @@ class Run:
                     yield record
             self._check_end(path, contents, expected, index == len(self.paths) - 1)
 
+    def raw_messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        """Messages on these topics as bytes, checksums checked; whether all are there is not."""
+        for path in self.paths:
+            for raw in read_raw(path, Contents()):
+                if raw.topic in topics:
+                    yield raw
+
     def decoded(self, path: Path, raw: RawMessage) -> Record:
         """One message as a value; raises LogError where it does not decode or its bytes have changed."""
         kind = CLASSES.get(raw.topic)

@@ -24,7 +24,7 @@ from hippomat_logs.derived import DerivedTopics
 from hippomat_logs.disk_space import NO_BULK, NO_VIEWS, DiskWatch, FreeBytes, check_forecast, free_bytes
 from hippomat_logs.part import POLICY_ATTACHMENT
 from hippomat_logs.parts import Encoded, PartSeries
-from hippomat_logs.records import DropRecord, SerialRecord, TimingRecord, is_bulk
+from hippomat_logs.records import DropRecord, ProcessRecord, SerialRecord, TimingRecord, is_bulk
 from hippomat_logs.recovery import recover_directory
 from hippomat_logs.schema import TOPICS, MessageStore
 from hippomat_logs.sink import SinkOpener, file_sinks
@@ -137,6 +137,9 @@ class Recorder:
 
     def timing(self, stamp_ns: int, compute_ns: int, lag_ns: int) -> None:
         self._put(stamp_ns, TimingRecord(stamp_ns, compute_ns, max(0, lag_ns)))
+
+    def process(self, stamp_ns: int, real_ns: int, cpu_ns: int, peak_memory_kib: int) -> None:
+        self._put(stamp_ns, ProcessRecord(stamp_ns, real_ns, cpu_ns, peak_memory_kib))
 
     def status(self) -> RecorderStatus:
         lost = self._dropped + self._series.lost_records

@@ -36,6 +36,16 @@ class TimingRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class ProcessRecord:
+    """What the daemon's process has used so far, all its threads together; once a second."""
+
+    stamp_ns: I64
+    real_ns: U64  # the machine's monotonic clock, also where stamps are a simulator's
+    cpu_ns: U64
+    peak_memory_kib: U64
+
+
+@dataclass(frozen=True, slots=True)
 class DropRecord:
     """Stands in the place of records first..last, which the log lost; its own number is `last`."""
 

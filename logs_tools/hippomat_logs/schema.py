@@ -18,12 +18,12 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from hippomat_core import messages
 from hippomat_logs.cdr_encoder import Encoder, FieldSpec, make_encoder
 from hippomat_logs.cdr_layout import Field, fields_of_type
-from hippomat_logs.records import DropRecord, SerialRecord, TimingRecord
+from hippomat_logs.records import DropRecord, ProcessRecord, SerialRecord, TimingRecord
 
 PACKAGE = "hippomat_msgs"
 EVENTS: tuple[type, ...] = get_args(messages.Event)
 EFFECTS: tuple[type, ...] = get_args(messages.Effect)
-OWN: tuple[type, ...] = (SerialRecord, TimingRecord, DropRecord)
+OWN: tuple[type, ...] = (SerialRecord, TimingRecord, DropRecord, ProcessRecord)
 
 
 def snake(name: str) -> str:
@@ -37,6 +37,7 @@ TOPICS: dict[type, str] = {
     SerialRecord: "/hippo/serial",
     TimingRecord: "/hippo/timing",
     DropRecord: "/hippo/dropped",
+    ProcessRecord: "/hippo/process",
 }
 CLASSES: dict[str, type] = {topic: kind for kind, topic in TOPICS.items()}
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from world_samples import SMALL
 
+from hippomat_logs.paper_values import CONTINUOUS_COST, FIXED_COST, FIXED_TIME, OURS, paper_value
 from hippomat_sim.bench import tables_cells as kinds
 from hippomat_sim.bench.cli import main
 from hippomat_sim.bench.tables_cells import Plan
@@ -21,7 +22,6 @@ from hippomat_sim.bench.tables_files import CSV_COLUMNS, as_csv, as_markdown
 from hippomat_sim.bench.tables_goals import Goal, goals_of, verdict
 from hippomat_sim.bench.tables_layout import NOT_TRAINED, Book, number, shown
 from hippomat_sim.bench.tables_measure import TEST_SPLIT, Bench
-from hippomat_sim.bench.tables_paper import CONTINUOUS_COST, FIXED_COST, FIXED_TIME, OURS, paper_value
 from hippomat_sim.bench.tables_run import Results, run
 from hippomat_sim.bench.tables_sections import sections_of
 from hippomat_sim.bench.tables_stats import Estimate

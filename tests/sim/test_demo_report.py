@@ -26,7 +26,7 @@ def robot(number: int, *tasks: tuple[int, int]) -> RobotMetrics:
     for at_s, task in enumerate(tasks):
         made.seen[task], made.requested[task], made.confirmed[task] = at_s, at_s + 1.0, at_s + 1.3
         made.completed.append(Completed(number, task, at_s + 9.0, 4.5, 5.0))
-    made.compute_ms += [4.0, 5.0, 6.0]
+    made.compute_ms.extend([4.0, 5.0, 6.0])
     return made
 
 

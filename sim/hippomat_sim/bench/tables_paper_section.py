@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from hippomat_logs import paper_values as paper
 from hippomat_sim.bench import tables_cells as kinds
-from hippomat_sim.bench import tables_paper as paper
 from hippomat_sim.bench.tables_layout import NO_FIGURE, Book, Section, Table, beside_paper, number
 from hippomat_sim.learn.method_registry import METHODS
 

@@ -61,6 +61,20 @@ _TABLES: dict[str, tuple[tuple[int, ...], dict[str, tuple[float, ...]]]] = {
 }
 
 
+_METHODS = {  # [fleet] allocator -> the paper's name of the method
+    "graphsage": OURS,
+    "paper_network": OURS,
+    "hungarian": "Hungarian",
+    "ipso_g": "IPSO-G",
+    "random": "Random",
+}
+
+
+def method_of(allocator: str) -> str:
+    """What the paper calls it; empty where it does not have it."""
+    return _METHODS.get(allocator, "")
+
+
 def paper_value(table: str, method: str, agents: int) -> float | None:
     """None where the paper says nothing. Costs and times in s (its cost has no stated unit), success in %."""
     sizes, methods = _TABLES[table]

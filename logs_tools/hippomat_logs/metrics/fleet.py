@@ -1,0 +1,155 @@
+"""A fleet's run in figures: its robots' runs on one clock, and what takes more than one log to say."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hippomat_logs.metrics.latency import LatencyMetrics, Times, whole_latencies
+from hippomat_logs.metrics.robot import KINDS, Completed, MetricsReading, RobotMetrics, Task
+from hippomat_logs.metrics.samples import together
+from hippomat_logs.reader import Run, open_runs
+
+
+@dataclass(slots=True)
+class FleetMetrics:
+    """All robots of one fleet; times of different robots compare where run_metrics() made it."""
+
+    robots: list[RobotMetrics]
+    latencies: list[LatencyMetrics] = field(default_factory=list)  # core to core, by direction
+
+    @property
+    def duration_s(self) -> float:
+        """From the first robot's first record to the last one's last."""
+        begun = [robot.begun_s for robot in self.robots if not math.isnan(robot.begun_s)]
+        ended = [robot.begun_s + robot.duration_s for robot in self.robots if not math.isnan(robot.begun_s)]
+        return max(ended) - min(begun) if begun else 0.0
+
+    @property
+    def completed(self) -> list[Completed]:
+        return sorted((one for robot in self.robots for one in robot.completed), key=lambda one: one.at_s)
+
+    @property
+    def tasks_per_min(self) -> float:
+        return 60.0 * len(self.completed) / self.duration_s if self.duration_s > 0.0 else math.nan
+
+    @property
+    def completed_twice(self) -> list[Task]:
+        """Tasks (slot, generation) that were completed more than once, by whomever."""
+        counts = Counter(one.task for one in self.completed)
+        return sorted(task for task, count in counts.items() if count > 1)
+
+    @property
+    def travel_cost_s(self) -> float:
+        return sum(robot.travel_cost_s for robot in self.robots)
+
+    @property
+    def travel_time_s(self) -> float:
+        return sum(robot.travel_time_s for robot in self.robots)
+
+    @property
+    def driven_m(self) -> float:
+        return sum(robot.driven_m for robot in self.robots)
+
+    @property
+    def conflict_free_rate(self) -> float:
+        """CF1: share of the requested tasks that exactly one robot requested; nan if there were none."""
+        requests = Counter(task for robot in self.robots for task in robot.requested)
+        alone = sum(count == 1 for count in requests.values())
+        return alone / len(requests) if requests else math.nan
+
+    @property
+    def conflicts(self) -> dict[str, int]:
+        """ConflictSeen by cause, of all robots: both sides of one conflict count."""
+        return dict(sum((Counter(robot.conflicts) for robot in self.robots), Counter[str]()))
+
+    @property
+    def allocation_s(self) -> list[float]:
+        """First robot to know a task -> first confirmed claim on it."""
+        seen, confirmed = (_earliest(getattr(r, name) for r in self.robots) for name in ("seen", "confirmed"))
+        return [max(0.0, at_s - seen[task]) for task, at_s in confirmed.items() if task in seen]
+
+    @property
+    def settling_s(self) -> list[float]:
+        return [value for robot in self.robots for value in robot.settling_s]
+
+    @property
+    def all_allocated_s(self) -> float:
+        """First task known -> the last task's first confirmed claim; nan where nothing was confirmed."""
+        seen, confirmed = (_earliest(getattr(r, name) for r in self.robots) for name in ("seen", "confirmed"))
+        return max(confirmed.values()) - min(seen.values()) if seen and confirmed else math.nan
+
+    @property
+    def compute_ms(self) -> NDArray[np.float64]:
+        return together([robot.compute_ms for robot in self.robots])
+
+    @property
+    def air_ms(self) -> NDArray[np.float64]:
+        return together([robot.air_ms for robot in self.robots])
+
+    @property
+    def radio_to_host_ms(self) -> NDArray[np.float64]:
+        return together([robot.radio_to_host_ms for robot in self.robots])
+
+    @property
+    def delivery(self) -> float:
+        """Share of the frames sent that were heard, over all directions; nan where there are none."""
+        received = sum(robot.frames_received for robot in self.robots)
+        total = received + sum(robot.frames_lost for robot in self.robots)
+        return received / total if total else math.nan
+
+    @property
+    def rows_relayed(self) -> float:
+        """Of the rows that were there in time, the share that a third robot passed on."""
+        direct, relayed, _ = self._rows
+        return relayed / (direct + relayed) if direct + relayed else math.nan
+
+    @property
+    def rows_in_time(self) -> float:
+        """Of the rows that decisions wanted, the share that was of that round."""
+        direct, relayed, late = self._rows
+        return (direct + relayed) / (direct + relayed + late) if direct + relayed + late else math.nan
+
+    @property
+    def _rows(self) -> tuple[int, int, int]:
+        links = [link for robot in self.robots for link in robot.links]
+        direct, relayed = sum(link.rows_direct for link in links), sum(link.rows_relayed for link in links)
+        return direct, relayed, sum(link.rows_late for link in links)
+
+
+def run_metrics(paths: Sequence[Path]) -> FleetMetrics:
+    """Metrics of the runs in these logs or directories of logs; raises LogError for a damaged one."""
+    return fleet_metrics(open_runs([Path(path) for path in paths]))
+
+
+def fleet_metrics(runs: Sequence[Run]) -> FleetMetrics:
+    """The same of runs that are open."""
+    robots = [robot_metrics(run) for run in runs]
+
+    def common_ns(_place: int, times_ns: Times) -> Times:
+        return times_ns
+
+    halves = [(robot.robot, robot.passages) for robot in robots]
+    return FleetMetrics(robots, whole_latencies(halves, common_ns))
+
+
+def robot_metrics(run: Run) -> RobotMetrics:
+    """One run's, by its own clock."""
+    reading = MetricsReading(run.robot, run.config)
+    for record in run.records_in_order(KINDS):
+        reading.feed(record)
+    return reading.result()
+
+
+def _earliest(tables: Iterable[dict[Task, float]]) -> dict[Task, float]:
+    merged: dict[Task, float] = {}
+    for table in tables:
+        for task, at_s in table.items():
+            merged[task] = min(at_s, merged.get(task, at_s))
+    return merged
