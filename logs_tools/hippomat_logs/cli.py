@@ -16,7 +16,7 @@ from typing import Any
 from rich.console import Console
 
 from hippomat_core.errors import HippomatError
-from hippomat_logs.commands import convert, doctor, export, info, make_map, plot, select
+from hippomat_logs.commands import conflicts, convert, doctor, export, info, make_map, plot, select
 from hippomat_logs.metrics import FleetMetrics, run_metrics
 from hippomat_logs.recovery import recover
 from hippomat_logs.replay_cli import Parser
@@ -31,6 +31,12 @@ _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] 
     ("convert", convert.add_options, convert.run, "between .mcap, ROS 1 .bag and ROS 2 bags"),
     ("export", export.add_options, export.run, "topics as CSV or Parquet, trajectories for evo"),
     ("map", make_map.add_options, make_map.run, "the map of a place from the log of a robot that was there"),
+    (
+        "conflicts",
+        conflicts.add_options,
+        conflicts.run,
+        "double requests and double claims, and their causes",
+    ),
     ("plot", plot.add_options, plot.run, "a picture: path, speed, battery, rounds; or scans from above"),
 )
 
