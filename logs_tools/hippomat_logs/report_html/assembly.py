@@ -13,15 +13,17 @@ from datetime import datetime, timezone
 import numpy as np
 from numpy.typing import NDArray
 
+from hippomat_logs.fleet_story.conflicts import Conflict
 from hippomat_logs.manifest import core_hash
-from hippomat_logs.metrics import FleetMetrics
+from hippomat_logs.metrics import FleetMetrics, RobotMetrics
+from hippomat_logs.metrics.latency import whole_latencies
 from hippomat_logs.report_html.data import (
     Clock,
     Fact,
     Frames,
-    Link,
     ReportData,
     RobotView,
+    TaskConflict,
     TaskLife,
     TaskSeen,
     Track,
@@ -37,8 +39,16 @@ HELD_S = 1.0  # a pose older than this says nothing
 SHORTEST_S = 0.1
 
 
-def assemble(read: Sequence[ReadLog], common: Sequence[CommonNs], warnings: Sequence[str] = ()) -> ReportData:
-    """read: the logs of one run, by robot; common: the clock of each. warnings: of the time base."""
+def assemble(
+    read: Sequence[ReadLog],
+    common: Sequence[CommonNs],
+    conflicts: Sequence[Conflict] | None = None,
+    warnings: Sequence[str] = (),
+) -> ReportData:
+    """read: the logs of one run, by robot; common: the clock of each.
+
+    conflicts: of the fleet; None: not known, each robot's own word is taken. warnings: of the time base.
+    """
     spans_ns = [clock(_span_ns(one)) for one, clock in zip(read, common, strict=True)]
     begun_ns, ended_ns = (int(pick(spans_ns)) for pick in (np.min, np.max))
     clocks = [_since(clock, one, begun_ns) for one, clock in zip(read, common, strict=True)]
@@ -51,9 +61,9 @@ def assemble(read: Sequence[ReadLog], common: Sequence[CommonNs], warnings: Sequ
         frames=frames_of(robots, span_s),
         grid=next((one.reading.grid for one in read if one.reading.grid is not None), None),
         tasks=_tasks(read, clocks, robots),
-        links=_links(read),
-        metrics=FleetMetrics([one.metrics for one in read]),
-        latency_counts=np.sum([one.reading.latency_counts for one in read], axis=0),
+        conflicts=_noticed(robots) if conflicts is None else conflicts_shown(conflicts, read, clocks),
+        explained=conflicts is not None,
+        metrics=_metrics(read, common),
         age_counts=np.sum([one.reading.age_counts for one in read], axis=0),
         facts=_facts(read, begun_ns, span_s),
         warnings=[*(f"{one.log.who}: {fault}" for one in read for fault in one.faults), *warnings],
@@ -96,7 +106,7 @@ def _robots(read: Sequence[ReadLog], clocks: Sequence[Clock]) -> list[RobotView]
 def frames_of(robots: Sequence[RobotView], span_s: float) -> Frames:
     """Poses at common instants, fine enough to be looked at and few enough to be mailed."""
     step_s = next((s for s in STEPS_S if len(robots) * span_s / s <= MOST_POSES), STEPS_S[-1])
-    at_s = np.arange(math.ceil(span_s / step_s) + 1) * step_s
+    at_s = np.arange(math.ceil(span_s / step_s) + 1, dtype=np.float64) * step_s
     table = (
         np.stack([_sampled(one.track, at_s) for one in robots], axis=1)
         if robots
@@ -152,21 +162,50 @@ def task_lives(seen: Sequence[TaskSeen], robots: Sequence[RobotView]) -> list[Ta
     return [lives[key] for key in sorted(lives)]
 
 
-# ---- radio ----
+# ---- between robots ----
 
 
-def _links(read: Sequence[ReadLog]) -> list[Link]:
-    return [
-        Link(
-            link.sender,
-            one.log.robot,
-            link.received,
-            link.lost,
-            one.reading.rssi_dbm.get(link.sender, math.nan),
+def _metrics(read: Sequence[ReadLog], common: Sequence[CommonNs]) -> FleetMetrics:
+    """All robots' on the fleet's time."""
+
+    def moved(one: ReadLog, clock: CommonNs) -> RobotMetrics:
+        return one.metrics.moved(lambda at_s: float(clock(np.array([round(at_s * 1e9)]))[0]) / 1e9)
+
+    robots = [moved(one, clock) for one, clock in zip(read, common, strict=True)]
+    halves = [(one.robot, one.passages) for one in robots]
+    return FleetMetrics(robots, whole_latencies(halves, lambda place, times: common[place](times)))
+
+
+def conflicts_shown(
+    conflicts: Sequence[Conflict], read: Sequence[ReadLog], clocks: Sequence[Clock]
+) -> list[TaskConflict]:
+    """The fleet's conflicts, on its time."""
+    by_robot = {one.log.robot: (one.reading.first_ns, clock) for one, clock in zip(read, clocks, strict=True)}
+    shown = []
+    for one in conflicts:
+        first_ns, clock = by_robot[one.robots[1]]
+        at_s = float(clock(np.array([(one.begun.log_time_ns - first_ns) / 1e9]))[0])
+        text = "; ".join((*one.evidence, one.ending))
+        shown.append(TaskConflict(at_s, one.robots, *one.task, one.kind, one.cause, text))
+    return sorted(shown, key=lambda one: one.at_s)
+
+
+def _noticed(robots: Sequence[RobotView]) -> list[TaskConflict]:
+    """Every robot's own word: both sides of one conflict, where both noticed it."""
+    shown = [
+        TaskConflict(
+            one.at_s,
+            (robot.robot, one.other),
+            one.slot,
+            one.generation,
+            "noticed",
+            one.cause,
+            "kept its claim" if one.kept else "gave its claim up",
         )
-        for one in read
-        for link in one.metrics.links
+        for robot in robots
+        for one in robot.conflicts
     ]
+    return sorted(shown, key=lambda one: one.at_s)
 
 
 # ---- the head ----

@@ -23,7 +23,6 @@ STOPPED, LOST, RECOVERY = "stopped", "lost", "recovery"
 PHASES = (IDLE, NOT_READY, REQUESTED, CONFIRMED, SERVING, RECOVERY, STOPPED, LOST)
 NO_SLOT = -1
 NEVER_HEARD_MS = 65_535
-LATENCY_STEP_MS, LATENCY_BINS = 0.02, 5_000
 
 Clock = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # a log's times -> the fleet's
 Stamped = TypeVar("Stamped", bound=Any)  # a dataclass
@@ -172,19 +171,16 @@ class TaskLife:
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
-    """Frames of one sender at one receiver."""
+class TaskConflict:
+    """Two robots had a claim on one task at once."""
 
-    sender: int
-    receiver: int
-    received: int
-    lost: int
-    rssi_dbm: float  # mean; nan: nothing was heard
-
-    @property
-    def ratio(self) -> float:
-        total = self.received + self.lost
-        return self.received / total if total else math.nan
+    at_s: float
+    robots: tuple[int, int]
+    slot: int
+    generation: int
+    kind: str
+    cause: str
+    text: str  # how it came about, and how it ended
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,9 +213,9 @@ class ReportData:
     frames: Frames
     grid: OccupancyGrid | None
     tasks: list[TaskLife]
-    links: list[Link]
+    conflicts: list[TaskConflict]
+    explained: bool  # conflicts are every one of the fleet's, once; else each as one robot noticed it
     metrics: FleetMetrics
-    latency_counts: NDArray[np.int64]  # frames by time from radio to radio, in steps of LATENCY_STEP_MS
     age_counts: NDArray[np.int64]  # rows that decisions were made on, by age [ms]
     facts: list[Fact]
     warnings: list[str]  # of damaged, lossy and missing logs

@@ -14,6 +14,7 @@ import numpy as np
 from bokeh.models import (
     BoxZoomTool,
     ColumnDataSource,
+    DataRange1d,
     HoverTool,
     LinearColorMapper,
     PanTool,
@@ -27,8 +28,9 @@ from bokeh.plotting import figure
 from numpy.typing import NDArray
 
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.messages import INFO
 from hippomat_logs.report_html import look
-from hippomat_logs.report_html.data import NO_SLOT, ClaimEnd, ReportData, RobotView
+from hippomat_logs.report_html.data import NO_SLOT, ClaimEnd, Happening, ReportData, RobotView
 from hippomat_logs.report_html.data import Span as Doing
 
 MARGIN_M = 0.3
@@ -43,10 +45,9 @@ CORNERS = 20  # of a drawn disc
 
 def map_figure(data: ReportData) -> Any:
     """Map, whole ways, and the empty sources of what moves: trails, ways, tasks, robots."""
-    left, right, low, top = _extent(data)
     plot = figure(
-        x_range=Range1d(left, right),
-        y_range=Range1d(low, top),
+        x_range=DataRange1d(range_padding=0.02),
+        y_range=DataRange1d(range_padding=0.02),
         x_axis_label="x [m]",
         y_axis_label="y [m]",
         match_aspect=True,
@@ -57,6 +58,9 @@ def map_figure(data: ReportData) -> Any:
         name="map",
     )
     plot.toolbar.logo = None
+    left, right, low, top = _extent(data)
+    ground = plot.rect((left + right) / 2, (low + top) / 2, right - left, top - low, alpha=0.0)
+    plot.x_range.renderers = plot.y_range.renderers = [ground]  # all of it, whatever moves on it
     if data.grid is not None:
         _draw_grid(plot, data.grid)
     colours = [look.colour_of(k) for k in range(len(data.robots))]
@@ -75,7 +79,8 @@ def map_figure(data: ReportData) -> Any:
 
 def _extent(data: ReportData) -> tuple[float, float, float, float]:
     """left, right, low, top [m] of all that is known of the map and all that drove or lay somewhere."""
-    xs, ys = [data.frames.x_m.ravel()], [data.frames.y_m.ravel()]
+    xs: list[NDArray[np.float32]] = [data.frames.x_m.ravel()]
+    ys: list[NDArray[np.float32]] = [data.frames.y_m.ravel()]
     xs.append(np.array([task.x_m for task in data.tasks], np.float32))
     ys.append(np.array([task.y_m for task in data.tasks], np.float32))
     if data.grid is not None:
@@ -139,7 +144,9 @@ def _draw_tasks(plot: Any) -> None:
         "x", "y", marker="mark", size="size", fill_color="fill", line_color="line", line_width=1.8,
         fill_alpha="alpha", line_alpha="alpha", source=source,
     )  # fmt: skip
-    plot.text("x", "y", text="label", text_font_size="11px", x_offset=9, y_offset=-5, alpha="alpha", source=source)
+    plot.text(
+        "x", "y", text="label", text_font_size="11px", x_offset=9, y_offset=-5, alpha="alpha", source=source
+    )
     plot.add_tools(HoverTool(renderers=[drawn], tooltips=[("task", "@text")]))
 
 
@@ -174,15 +181,17 @@ def time_range(data: ReportData) -> Range1d:
     return Range1d(0.0, data.span_s, bounds=(0.0, data.span_s), name="time")
 
 
-def _time_figure(data: ReportData, rows: Sequence[str], shared: Range1d, name: str) -> Any:
+def _time_figure(rows: Sequence[str], shared: Range1d, name: str) -> Any:
     plot = figure(
         x_range=shared,
         y_range=list(reversed(rows)),
         x_axis_label="time since the start [s]",
         height=AXES_PX + ROW_PX * max(len(rows), 2),
         sizing_mode="stretch_width",
-        tools=[PanTool(dimensions="width"), BoxZoomTool(dimensions="width"), WheelZoomTool(dimensions="width"),
-               ResetTool(), SaveTool()],
+        tools=[
+            PanTool(dimensions="width"), BoxZoomTool(dimensions="width"),
+            WheelZoomTool(dimensions="width"), ResetTool(), SaveTool(),
+        ],
         active_scroll=None,
         name=name,
     )  # fmt: skip
@@ -196,17 +205,20 @@ def _time_figure(data: ReportData, rows: Sequence[str], shared: Range1d, name: s
 
 def gantt_figure(data: ReportData, shared: Range1d) -> Any:
     """What every robot did: one bar per state, the task's slot and generation on the bars of a claim."""
-    plot = _time_figure(data, [look.label_of(robot) for robot in data.robots], shared, "gantt")
+    plot = _time_figure([look.label_of(robot) for robot in data.robots], shared, "gantt")
     columns: dict[str, list[Any]] = {
-        key: [] for key in ("row", "begin", "end", "fill", "alpha", "rim", "hatch", "phase", "task", "seconds", "how")
+        key: []
+        for key in ("row", "begin", "end", "fill", "alpha", "rim", "hatch", "phase", "task", "seconds", "how")
     }
     for k, robot in enumerate(data.robots):
         for doing in robot.spans:
             for key, value in _bar(robot, look.colour_of(k), doing).items():
                 columns[key].append(value)
+    bars = ColumnDataSource(columns, name="bars")
     drawn = plot.hbar(
-        "row", left="begin", right="end", height=0.72, fill_color="fill", fill_alpha="alpha", line_color="rim",
-        line_width=0.8, hatch_pattern="hatch", hatch_color="rim", hatch_scale=8, source=ColumnDataSource(columns, name="bars"),
+        "row", left="begin", right="end", height=0.72, fill_color="fill", fill_alpha="alpha",
+        line_color="rim", line_width=0.8, hatch_pattern="hatch", hatch_color="rim", hatch_scale=8,
+        source=bars,
     )  # fmt: skip
     labels = ColumnDataSource(_claim_labels(data), name="labels")
     plot.text(
@@ -248,11 +260,7 @@ def _bar(robot: RobotView, colour: str, doing: Doing) -> dict[str, Any]:
 def how_ended(robot: RobotView, doing: Doing) -> ClaimEnd | None:
     """How the claim of this bar came to its end; None: not in the log."""
     return next(
-        (
-            end
-            for end in robot.ends
-            if (end.slot, end.generation) == doing.task and end.at_s >= doing.begin_s
-        ),
+        (end for end in robot.ends if (end.slot, end.generation) == doing.task and end.at_s >= doing.begin_s),
         None,
     )
 
@@ -288,7 +296,7 @@ INFO_COLOUR = "#8A93A1"
 
 def events_figure(data: ReportData, shared: Range1d) -> Any:
     """Everything that went wrong or was told, by robot and time."""
-    plot = _time_figure(data, [look.label_of(robot) for robot in data.robots], shared, "events")
+    plot = _time_figure([look.label_of(robot) for robot in data.robots], shared, "events")
     drawn = []
     for kind, (marker, colour, text) in EVENT_MARKS.items():
         columns = _event_columns(data, kind, colour)
@@ -297,12 +305,11 @@ def events_figure(data: ReportData, shared: Range1d) -> Any:
         source = ColumnDataSource(columns, name=f"events_{kind}")
         if kind == "guard":
             plot.hbar("row", left="x", right="end", height=0.5, color="colour", source=source)
-        drawn.append(
-            plot.scatter(
-                "x", "row", marker=marker, size=10, line_color="colour", fill_color="colour", line_width=2,
-                fill_alpha=0.8, legend_label=text, source=source,
-            )  # fmt: skip
-        )
+        marks = plot.scatter(
+            "x", "row", marker=marker, size=10, line_color="colour", fill_color="colour", line_width=2,
+            fill_alpha=0.8, legend_label=text, source=source,
+        )  # fmt: skip
+        drawn.append(marks)
     if drawn:
         plot.add_layout(plot.legend[0], "above")
         plot.legend.orientation = "horizontal"
@@ -315,22 +322,30 @@ def events_figure(data: ReportData, shared: Range1d) -> Any:
 
 def _event_columns(data: ReportData, kind: str, colour: str) -> dict[str, list[Any]]:
     columns: dict[str, list[Any]] = {key: [] for key in ("x", "end", "row", "colour", "what", "text")}
-    for robot in data.robots:
-        told = [
-            (one.at_s, one.end_s, INFO_COLOUR if kind == "alarm" and one.level == 0 else colour, one.code, one.text)
-            for one in robot.happenings
-            if one.kind == kind
-        ]
-        if kind == "conflict":
-            told = [
-                (
-                    one.at_s, math.nan, colour, f"conflict with robot {one.other}: {one.cause}",
-                    f"slot {one.slot}, generation {one.generation}: {'kept' if one.kept else 'given up'}",
-                )  # fmt: skip
-                for one in robot.conflicts
-            ]
-        for at_s, end_s, shade, what, text in told:
-            row = (round(at_s, 3), round(end_s if end_s == end_s else at_s, 3), look.label_of(robot), shade, what, text)
-            for key, value in zip(columns, row, strict=True):
-                columns[key].append(value)
+    told = _conflicts_told(data) if kind == "conflict" else _told(data, kind)
+    for robot, one in told:
+        shade = INFO_COLOUR if kind == "alarm" and one.level == INFO else colour
+        end_s = one.at_s if math.isnan(one.end_s) else one.end_s
+        row = round(one.at_s, 3), round(end_s, 3), look.label_of(robot), shade, one.code, one.text
+        for key, value in zip(columns, row, strict=True):
+            columns[key].append(value)
     return columns
+
+
+def _told(data: ReportData, kind: str) -> list[tuple[RobotView, Happening]]:
+    return [(robot, one) for robot in data.robots for one in robot.happenings if one.kind == kind]
+
+
+def _conflicts_told(data: ReportData) -> list[tuple[RobotView, Happening]]:
+    """On the row of each of the two robots."""
+    views = {robot.robot: robot for robot in data.robots}
+    told = []
+    for one in data.conflicts:
+        first, second = one.robots
+        title = f"{one.kind} of slot {one.slot}, generation {one.generation}: {one.cause}"
+        pairs = [(first, second), (second, first)] if data.explained else [(first, second)]
+        for robot, other in pairs:
+            if robot in views:
+                happening = Happening(one.at_s, "conflict", INFO, title, f"with robot {other}; {one.text}")
+                told.append((views[robot], happening))
+    return told

@@ -11,15 +11,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
+from hippomat_core.messages import Started
 from hippomat_logs.lenient_walk import walk_leniently
+from hippomat_logs.metrics import KINDS as METRICS_KINDS
 from hippomat_logs.metrics import MetricsReading, RobotMetrics
 from hippomat_logs.opened_run import log_files
 from hippomat_logs.reader import Losses, Record, Run, mapped, open_runs, reading_store
 from hippomat_logs.records import DropRecord
 from hippomat_logs.recovery import lenient_contents
-from hippomat_logs.report_html.reading import READ, LogReading, ViewReader
+from hippomat_logs.report_html.reading import KINDS, LogReading, ViewReader
 from hippomat_logs.schema import TOPICS
 
+READ = tuple(dict.fromkeys((Started, *KINDS, *METRICS_KINDS)))
 _TOPICS_READ = {TOPICS[kind]: kind for kind in READ}
 SHOWN = 6  # faults and names in one line
 
@@ -81,8 +84,8 @@ def _manifest(path: Path) -> dict[str, str]:
                 break
     if not contents.manifest:
         raise HippomatError(
-            f"{path}: is no log of a hippomat daemon, or nothing of its manifest is left; `hippomat-logs plot` "
-            "draws other recordings"
+            f"{path}: is no log of a hippomat daemon, or nothing of its manifest is left; "
+            "`hippomat-logs plot` draws other recordings"
         )
     return contents.manifest
 
@@ -94,7 +97,8 @@ def _check_one_run(logs: Sequence[FoundLog]) -> None:
         if other is not log:
             names = f"{other.paths[0].name} and {log.paths[0].name}"
             raise HippomatError(
-                f"{log.who} has more than one run here ({names}): a report shows one run of a fleet; name its logs"
+                f"{log.who} has more than one run here ({names}): "
+                "a report shows one run of a fleet, name its logs"
             )
     fleets = {log.manifest.get("fleet", "?") for log in logs}
     if len(fleets) > 1:

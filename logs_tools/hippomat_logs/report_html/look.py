@@ -59,7 +59,7 @@ FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif"
 
 
 def colour_of(index: int) -> str:
-    """Of the index-th robot; they come again after eight, which is why every robot has its number beside it."""
+    """Of the index-th robot; they come again after eight, so every robot has its number beside it."""
     return ROBOT_COLOURS[index % len(ROBOT_COLOURS)]
 
 
@@ -74,7 +74,11 @@ def theme() -> Any:
     return Theme(
         json={
             "attrs": {
-                "Plot": {"background_fill_color": "#FFFFFF", "border_fill_color": None, "outline_line_color": GRID},
+                "Plot": {
+                    "background_fill_color": "#FFFFFF",
+                    "border_fill_color": None,
+                    "outline_line_color": GRID,
+                },
                 "Axis": {
                     "axis_label_text_font": FONT,
                     "axis_label_text_font_style": "normal",

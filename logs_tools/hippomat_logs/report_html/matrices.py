@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Sequence
+from collections import Counter, defaultdict
 from typing import Any
 
 import numpy as np
@@ -14,82 +13,79 @@ from bokeh.plotting import figure
 from numpy.typing import NDArray
 
 from hippomat_core.wire.frames import OPERATOR
-from hippomat_logs.report_html.data import LATENCY_STEP_MS, NEVER_HEARD_MS, ReportData
+from hippomat_logs.report_html.data import NEVER_HEARD_MS, ReportData
 
 PALETTE = tuple(reversed(Cividis256))  # perceptually even, the same for all colour vision (Nunez et al. 2018)
 READABLE = 12  # robots; cells of more have no room for numbers
 SIDE_PX, HISTOGRAM_PX = 400, 300
 BINS = 45
+LATENCY_STEP_MS, LATENCY_BINS = 0.02, 5_000
 SHOWN_SHARE = 0.995  # of a histogram; what lies beyond would press it against its axis
 DARK_FROM = 0.55  # of the palette: white numbers on it
 
 
 def conflict_figure(data: ReportData) -> Any | None:
-    """Rows saw a conflict with columns; None where nobody saw any."""
-    counts: Counter[tuple[int, int]] = Counter()
-    causes: dict[tuple[int, int], Counter[str]] = {}
-    for robot in data.robots:
-        for conflict in robot.conflicts:
-            pair = robot.robot, conflict.other
-            counts[pair] += 1
-            causes.setdefault(pair, Counter())[conflict.cause] += 1
-    if not counts:
+    """How often two robots wanted one task; None where that never was."""
+    causes: dict[tuple[int, int], Counter[str]] = defaultdict(Counter)
+    for conflict in data.conflicts:
+        one, other = conflict.robots
+        causes[one, other][conflict.cause] += 1
+        if data.explained:  # the fleet's, once; else it is one robot's word, and the other has its own
+            causes[other, one][conflict.cause] += 1
+    if not causes:
         return None
-    names = sorted({robot.robot for robot in data.robots} | {robot for pair in counts for robot in pair})
-    cells = [
+    names = sorted({robot.robot for robot in data.robots} | {robot for pair in causes for robot in pair})
+    cells: list[dict[str, Any]] = [
         {
             "x": str(column),
             "y": str(row),
-            "value": float(counts[row, column]),
-            "label": str(counts[row, column] or ""),
-            "text": ", ".join(f"{n} x {cause}" for cause, n in sorted(causes.get((row, column), {}).items())) or "none",
+            "value": float(causes[row, column].total()),
+            "label": str(causes[row, column].total() or ""),
+            "text": ", ".join(f"{n} x {cause}" for cause, n in causes[row, column].most_common()) or "none",
         }
         for row in names
         for column in names
         if row != column
     ]
-    tooltips = [("robot @y", "@value{0} conflicts with robot @x"), ("cause", "@text")]
-    axes = "the other robot", "robot that saw the conflict"
-    high = max(counts.values())
-    return _matrix(cells, [str(name) for name in names], [str(name) for name in names], axes, (0.0, high), tooltips, "conflicts", "conflicts")
+    labels = [str(name) for name in names]
+    tooltips = [("robots @y and @x", "@value{0} conflicts"), ("cause", "@text")]
+    limits = 0.0, max(cell["value"] for cell in cells)
+    return _matrix(cells, (labels, labels), ("robot", "robot"), limits, tooltips, "conflicts", "conflicts")
 
 
 def delivery_figure(data: ReportData) -> Any | None:
-    """Rows heard columns: share of the frames sent, and the mean signal strength. None: nobody heard any."""
-    if not data.links:
+    """Rows heard columns: share of the frames sent, median signal strength. None: nobody heard any."""
+    heard = [(robot.robot, link) for robot in data.metrics.robots for link in robot.links if link.received]
+    if not heard:
         return None
-    cells = [
+    cells: list[dict[str, Any]] = [
         {
             "x": _named(link.sender),
-            "y": _named(link.receiver),
-            "value": 100 * link.ratio,
-            "label": f"{100 * link.ratio:.0f}",
-            "text": f"{link.received:,} frames heard, {link.lost:,} lost, {_dbm(link.rssi_dbm)}",
+            "y": _named(receiver),
+            "value": 100 * link.delivery,
+            "label": f"{100 * link.delivery:.0f}",
+            "text": f"{link.received:,} frames heard, {link.lost:,} lost, median {link.rssi_dbm:.0f} dBm",
         }
-        for link in data.links
-        if link.received
+        for receiver, link in heard
     ]
-    senders = [_named(sender) for sender in sorted({link.sender for link in data.links})]
-    receivers = [_named(receiver) for receiver in sorted({link.receiver for link in data.links})]
+    senders = [_named(sender) for sender in sorted({link.sender for _, link in heard})]
+    receivers = [_named(receiver) for receiver in sorted({receiver for receiver, _ in heard})]
     tooltips = [("@y heard @x", "@value{0.0} %"), ("", "@text")]
-    low = min([90.0, *(math.floor(cell["value"] / 10) * 10.0 for cell in cells)])
-    return _matrix(cells, senders, receivers, ("sender", "receiver"), (low, 100.0), tooltips, "delivery", "frames delivered [%]")
+    low = min(90.0, *(math.floor(cell["value"] / 10) * 10.0 for cell in cells))
+    names = senders, receivers
+    return _matrix(cells, names, ("sender", "receiver"), (low, 100.0), tooltips, "delivery", "delivered [%]")
 
 
 def _named(robot: int) -> str:
     return {OPERATOR: "operator", -1: "observer"}.get(robot, str(robot))
 
 
-def _dbm(rssi_dbm: float) -> str:
-    return "signal unknown" if math.isnan(rssi_dbm) else f"mean {rssi_dbm:.0f} dBm"
-
-
 def _matrix(
-    cells: list[dict[str, Any]], columns: Sequence[str], rows: Sequence[str], axes: tuple[str, str],
+    cells: list[dict[str, Any]], names: tuple[list[str], list[str]], axes: tuple[str, str],
     limits: tuple[float, float], tooltips: list[tuple[str, str]], name: str, title: str,
 ) -> Any:  # fmt: skip
-    """cells: x, y, value, label, text of each."""
-    low, high = limits
+    """cells: x, y, value, label, text of each; names: of the columns and of the rows."""
+    (columns, rows), (low, high) = names, limits
     for cell in cells:
         share = (cell["value"] - low) / max(high - low, 1e-9)
         cell["ink"] = "#FFFFFF" if share > DARK_FROM else "#1F2733"
@@ -109,23 +105,36 @@ def _matrix(
             "x", "y", text="label", text_color="ink", text_font_size="13px", text_align="center",
             text_baseline="middle", source=source,
         )  # fmt: skip
-    bar = ColorBar(color_mapper=mapper, title=title, width=10, border_line_color=None, ticker=BasicTicker(desired_num_ticks=5))
+    bar = ColorBar(
+        color_mapper=mapper,
+        title=title,
+        width=10,
+        border_line_color=None,
+        ticker=BasicTicker(desired_num_ticks=5),
+    )
     plot.add_layout(bar, "right")
     plot.add_tools(HoverTool(renderers=[drawn], tooltips=tooltips))
     return plot
 
 
 def latency_figure(data: ReportData) -> Any | None:
-    """Time from radio to radio on the fleet's clock."""
-    return _histogram(
-        data.latency_counts, LATENCY_STEP_MS, "time from the sender's radio to the receiver's [ms]", "frames", "latency"
-    )
+    """Time from radio to radio, each by its own estimate of fleet time."""
+    text = "time from the sender's radio to the receiver's [ms]"
+    return _histogram(latency_counts(data), LATENCY_STEP_MS, text, "frames", "latency")
+
+
+def latency_counts(data: ReportData) -> NDArray[np.int64]:
+    """STATEs by time from radio to radio, in steps of LATENCY_STEP_MS, as far as fleet time was agreed on."""
+    bins = np.round(data.metrics.air_ms / LATENCY_STEP_MS).astype(np.int64)
+    return np.bincount(bins[(bins >= 0) & (bins < LATENCY_BINS)], minlength=1)
 
 
 def age_figure(data: ReportData) -> Any | None:
     """Age of the rows of peers when decisions were made on them, on each receiver's own clock."""
     counts = data.age_counts[:NEVER_HEARD_MS]
-    return _histogram(counts, 1.0, "age of a peer's row when it was decided on [ms]", "rows in decisions", "age")
+    return _histogram(
+        counts, 1.0, "age of a peer's row when it was decided on [ms]", "rows in decisions", "age"
+    )
 
 
 def quantile(counts: NDArray[np.int64], step: float, share: float) -> float:
@@ -140,11 +149,16 @@ def _histogram(counts: NDArray[np.int64], step: float, x_label: str, y_label: st
     last = int(np.ceil(quantile(counts, step, SHOWN_SHARE) / step)) + 1
     width = max(1, -(-last // BINS))
     bins = -(-last // width)
-    heights = np.pad(counts[: bins * width], (0, max(bins * width - len(counts), 0))).reshape(bins, width).sum(axis=1)
+    heights = (
+        np.pad(counts[: bins * width], (0, max(bins * width - len(counts), 0)))
+        .reshape(bins, width)
+        .sum(axis=1)
+    )
     lefts = np.arange(bins) * width * step
     plot = figure(
         x_axis_label=x_label, y_axis_label=y_label, height=HISTOGRAM_PX, sizing_mode="stretch_width",
-        tools="save", name=name, y_range=(0, float(heights.max()) * 1.08), x_range=(0.0, float(bins * width * step)),
+        tools="save", name=name, y_range=(0, float(heights.max()) * 1.08),
+        x_range=(0.0, float(bins * width * step)),
     )  # fmt: skip
     plot.toolbar.logo = None
     columns = {"left": lefts, "right": lefts + width * step, "top": heights}
@@ -161,4 +175,5 @@ def spread_text(counts: NDArray[np.int64], step: float) -> str:
     if not counts.sum():
         return ""
     digits = 2 if step < 0.5 else 0
-    return f"median {quantile(counts, step, 0.5):.{digits}f} ms, 95 % below {quantile(counts, step, 0.95):.{digits}f} ms"
+    median, high = (f"{quantile(counts, step, share):.{digits}f} ms" for share in (0.5, 0.95))
+    return f"median {median}, 95 % below {high}"

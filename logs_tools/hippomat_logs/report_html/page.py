@@ -1,5 +1,6 @@
-"""ReportData -> one HTML file that needs nothing else: Bokeh's code is inside, and the page forbids itself any
-network access.
+"""ReportData -> one HTML file that needs nothing else.
+
+Bokeh's code is inside, and the page's own policy forbids any network access.
 
 Everything that came out of a log passes through Jinja's escaping or its JSON filter on its way here.
 """
@@ -8,25 +9,30 @@ from __future__ import annotations
 
 import math
 from importlib import resources
+from importlib.util import find_spec
 from typing import Any
 
 from hippomat_core.errors import HippomatError
+from hippomat_logs.metrics.fleet_tables import fleet_lines, metrics_table
 from hippomat_logs.report_html import look
-from hippomat_logs.report_html.data import LATENCY_STEP_MS, PHASES, ReportData, RobotView
-from hippomat_logs.report_html.tables import alarm_rows, conflict_rows, metrics_html
-from hippomat_logs.tables import fleet_lines, metrics_table
+from hippomat_logs.report_html.data import PHASES, ReportData, RobotView
+from hippomat_logs.report_html.tables import MOST_ROWS, alarm_rows, metrics_html
 
 FOR_EVER_S = 1e9  # JSON has no infinity
 TRAIL_S = 15
 
 
+def needs_bokeh() -> None:
+    """Raises HippomatError where it is not installed: better before an hour of reading than after it."""
+    if find_spec("bokeh") is None:
+        raise HippomatError("bokeh is not installed: pip install 'hippomat[report]'")
+
+
 def render(data: ReportData, version: str) -> str:
     """The file's text. Raises HippomatError where Bokeh is not installed."""
-    try:
-        from bokeh.embed import components
-        from bokeh.resources import Resources
-    except ModuleNotFoundError:
-        raise HippomatError("bokeh is not installed: pip install 'hippomat[report]'") from None
+    needs_bokeh()
+    from bokeh.embed import components
+    from bokeh.resources import Resources
     from jinja2 import Environment, StrictUndefined
     from markupsafe import Markup
 
@@ -44,7 +50,9 @@ def render(data: ReportData, version: str) -> str:
     }
     script, divs = components({k: v for k, v in drawn.items() if v is not None}, theme=look.theme())
     library = Resources(mode="inline", components=["bokeh"])
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     return environment.from_string(_asset("page.html")).render(
         data=data,
         version=version,
@@ -60,8 +68,8 @@ def render(data: ReportData, version: str) -> str:
         metrics=metrics_html(metrics_table(data.metrics)),
         metric_lines=fleet_lines(data.metrics),
         alarms=alarm_rows(data),
-        conflicts=conflict_rows(data),
-        latency_text=matrices.spread_text(data.latency_counts, LATENCY_STEP_MS),
+        conflicts=data.conflicts[:MOST_ROWS],
+        latency_text=matrices.spread_text(matrices.latency_counts(data), matrices.LATENCY_STEP_MS),
         age_text=matrices.spread_text(data.age_counts[:-1], 1.0),
     )
 

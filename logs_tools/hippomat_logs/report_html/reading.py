@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections import defaultdict
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,12 +21,10 @@ from hippomat_core.control.recovery import DRIVE, FREE
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.wire import frames as air
 from hippomat_logs.reader import Record
-from hippomat_logs.records import DropRecord, SerialRecord
+from hippomat_logs.records import DropRecord
 from hippomat_logs.report_html.data import (
     CONFIRMED,
     IDLE,
-    LATENCY_BINS,
-    LATENCY_STEP_MS,
     LOST,
     NEVER_HEARD_MS,
     NO_SLOT,
@@ -46,11 +43,7 @@ from hippomat_logs.report_html.data import (
     Track,
     Way,
 )
-from hippomat_logs.schema import CLASSES
 
-UNREAD = (SerialRecord, m.ScanReceived, m.LaserScanReceived, m.BaseFeedback, m.LoopsClosed, m.LoopsDue)
-READ: tuple[type, ...] = tuple(kind for kind in CLASSES.values() if kind not in UNREAD)
-HEARD = (m.StateHeard, m.RelayHeard, m.TasksHeard, m.StopHeard)
 SILENT_S = 1.0  # without a STATE: what a robot does is not known
 GUARD_GAP_S = 0.3  # between two ticks in which the guard held: one intervention
 ENDS = ("completed", "dropped", "released")
@@ -66,8 +59,6 @@ class LogReading:
     heard: list[RobotView] = field(default_factory=list)
     tasks: list[TaskSeen] = field(default_factory=list)
     grid: OccupancyGrid | None = None
-    rssi_dbm: dict[int, float] = field(default_factory=dict)  # sender -> mean
-    latency_counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(LATENCY_BINS, np.int64))
     age_counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(NEVER_HEARD_MS + 1, np.int64))
 
 
@@ -81,27 +72,10 @@ class ViewReader:
         self._robot = robot
         self._own = _Watched(robot, body)
         self._peers: dict[int, _Watched] = {}
-        self._rssi: dict[int, list[float]] = defaultdict(lambda: [0.0, 0.0])  # sum, count
         self._closed: NDArray[np.bool_] | None = None
         self._begun = False
-        self._handlers: dict[type, Any] = {
-            m.PoseEstimated: self._pose,
-            m.SendState: self._sent,
-            m.StateHeard: self._state_heard,
-            m.RelayHeard: self._frame_heard,
-            m.TasksHeard: self._tasks_heard,
-            m.StopHeard: self._stop_heard,
-            m.RoundDecided: self._decided,
-            m.TaskTurned: self._turned,
-            m.ClaimChanged: self._claim,
-            m.ConflictSeen: self._conflict,
-            m.RecoveryChanged: self._recovery,
-            m.GuardLimited: self._guard,
-            m.PathPlanned: self._planned,
-            m.MapReceived: self._map,
-            m.MapDrawn: self._map,
-            m.AlarmRaised: self._alarm,
-            DropRecord: self._dropped,
+        self._handlers: dict[type, Callable[[float, Any], None]] = {
+            kind: getattr(self, name) for kind, name in HANDLERS.items()
         }
 
     def feed(self, record: Record) -> None:
@@ -117,7 +91,6 @@ class ViewReader:
         if self._robot >= 0:
             found.own = self._own.view()
         found.heard = [replace(peer.view(), heard_by=self._robot) for peer in self._peers.values()]
-        found.rssi_dbm = {sender: total / count for sender, (total, count) in self._rssi.items()}
         return found
 
     # ---- where it is and what it does ----
@@ -129,7 +102,6 @@ class ViewReader:
         self._own.does(at_s, sent.frame)
 
     def _state_heard(self, at_s: float, heard: m.StateHeard) -> None:
-        self._frame_heard(at_s, heard)
         sender, frame = heard.header.sender, heard.frame
         if sender in self._known:
             return
@@ -140,16 +112,7 @@ class ViewReader:
             peer.stands(at_s, frame.x_cm / 100, frame.y_cm / 100, frame.yaw_256 / 256 * math.tau)
         peer.does(at_s, frame)
 
-    def _frame_heard(self, at_s: float, heard: Any) -> None:
-        header = heard.header
-        sums = self._rssi[header.sender]
-        sums[0], sums[1] = sums[0] + heard.rssi_dbm, sums[1] + 1
-        late_ms = (heard.fleet_time_us - header.fleet_time_us) / 1e3
-        if 0 <= late_ms < LATENCY_STEP_MS * LATENCY_BINS:  # beyond: fleet time was not yet agreed on
-            self._found.latency_counts[int(late_ms / LATENCY_STEP_MS)] += 1
-
     def _stop_heard(self, at_s: float, heard: m.StopHeard) -> None:
-        self._frame_heard(at_s, heard)
         what = "STOP" if heard.header.kind == air.STOP else "RESUME"
         origin = "an operator" if heard.frame.origin == air.OPERATOR else f"robot {heard.frame.origin}"
         code = f"{what} {heard.frame.counter}"
@@ -164,7 +127,6 @@ class ViewReader:
         self._found.tasks.append(TaskSeen(at_s, turned.slot, turned.generation, x_m, y_m))
 
     def _tasks_heard(self, at_s: float, heard: m.TasksHeard) -> None:
-        self._frame_heard(at_s, heard)
         if self._robot >= 0:  # a robot says itself what it learns from them
             return
         for slot in heard.frame.slots:
@@ -219,7 +181,7 @@ class ViewReader:
 
     # ---- the map ----
 
-    def _map(self, at_s: float, said: m.MapReceived | m.MapDrawn) -> None:
+    def _map(self, _: float, said: m.MapReceived | m.MapDrawn) -> None:
         if said.width * said.height == len(said.cells) > 0:
             cells = np.array(said.cells).reshape(said.height, said.width)
             self._found.grid = OccupancyGrid(cells, said.resolution_m, said.origin_x_m, said.origin_y_m)
@@ -232,6 +194,27 @@ class ViewReader:
         x_m = grid.origin_x_m + (ix + 0.5) * grid.resolution_m
         y_m = grid.origin_y_m + (iy + 0.5) * grid.resolution_m
         self._own.ways.append(Way(at_s, tuple(x_m.round(3).tolist()), tuple(y_m.round(3).tolist())))
+
+
+HANDLERS: dict[type, str] = {
+    m.PoseEstimated: "_pose",
+    m.SendState: "_sent",
+    m.StateHeard: "_state_heard",
+    m.TasksHeard: "_tasks_heard",
+    m.StopHeard: "_stop_heard",
+    m.RoundDecided: "_decided",
+    m.TaskTurned: "_turned",
+    m.ClaimChanged: "_claim",
+    m.ConflictSeen: "_conflict",
+    m.RecoveryChanged: "_recovery",
+    m.GuardLimited: "_guard",
+    m.PathPlanned: "_planned",
+    m.MapReceived: "_map",
+    m.MapDrawn: "_map",
+    m.AlarmRaised: "_alarm",
+    DropRecord: "_dropped",
+}
+KINDS = tuple(HANDLERS)
 
 
 class _Watched:

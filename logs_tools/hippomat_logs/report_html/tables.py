@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from rich.table import Table
 from rich.text import Text
 
+from hippomat_core.fleet.robot_names import named
 from hippomat_core.messages import ERROR, WARNING
 from hippomat_logs.report_html.data import ReportData
-from hippomat_logs.report_html.look import label_of
 
 LEVELS = {WARNING: "warning", ERROR: "error"}
 MOST_ROWS = 500
@@ -26,7 +26,9 @@ class HtmlTable:
 def metrics_html(table: Table) -> HtmlTable:
     """A terminal's table as one for a page: the same cells."""
     columns = [[_plain(cell) for cell in column.cells] for column in table.columns]
-    return HtmlTable([_plain(column.header) for column in table.columns], [list(row) for row in zip(*columns, strict=True)])
+    return HtmlTable(
+        [_plain(column.header) for column in table.columns], [list(row) for row in zip(*columns, strict=True)]
+    )
 
 
 def _plain(cell: object) -> str:
@@ -36,46 +38,30 @@ def _plain(cell: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class AlarmRow:
-    at_s: float
-    robot: str
+    """One text, as often as it was said."""
+
     level: str  # info, warning, error
     code: str
     text: str
+    robots: str
+    at_s: list[float]
 
 
 def alarm_rows(data: ReportData) -> list[AlarmRow]:
-    """Alarms, STOPs and lost records of all robots by time; the most severe if there are too many."""
-    rows = [
-        (one.level, AlarmRow(one.at_s, label_of(robot), LEVELS.get(one.level, "info"), one.code, one.text))
-        for robot in data.robots
-        for one in robot.happenings
-        if one.kind in ("alarm", "stop", "loss")
-    ]
-    rows.sort(key=lambda row: (-row[0], row[1].at_s))
-    return sorted((row for _, row in rows[:MOST_ROWS]), key=lambda row: row.at_s)
-
-
-@dataclass(frozen=True, slots=True)
-class ConflictRow:
-    at_s: float
-    robot: str
-    other: int
-    task: str
-    cause: str
-    outcome: str
-
-
-def conflict_rows(data: ReportData) -> list[ConflictRow]:
-    rows = [
-        ConflictRow(
-            one.at_s,
-            label_of(robot),
-            one.other,
-            f"slot {one.slot}, generation {one.generation}",
-            one.cause,
-            "kept its claim" if one.kept else "gave its claim up",
+    """Alarms, STOPs and lost records of all robots by their first time; the worst, if there are many."""
+    told: dict[tuple[int, str, str], list[tuple[float, int]]] = {}
+    for robot in data.robots:
+        for one in robot.happenings:
+            if one.kind in ("alarm", "stop", "loss"):
+                told.setdefault((one.level, one.code, one.text), []).append((one.at_s, robot.robot))
+    severe = sorted(told, key=lambda key: (-key[0], min(told[key])))[:MOST_ROWS]
+    return [
+        AlarmRow(
+            LEVELS.get(level, "info"),
+            code,
+            text,
+            named(sorted({robot for _, robot in told[level, code, text]})),
+            sorted(at_s for at_s, _ in told[level, code, text]),
         )
-        for robot in data.robots
-        for one in robot.conflicts
+        for level, code, text in sorted(severe, key=lambda key: min(told[key]))
     ]
-    return sorted(rows, key=lambda row: row.at_s)[:MOST_ROWS]
