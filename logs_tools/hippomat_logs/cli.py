@@ -6,8 +6,6 @@ Exit codes: 0 done, 1 tool or usage error, 3 a log is damaged or lossy. The comm
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,12 +14,21 @@ from typing import Any
 from rich.console import Console
 
 from hippomat_core.errors import HippomatError
-from hippomat_logs.commands import conflicts, convert, doctor, export, info, make_map, plot, select
-from hippomat_logs.metrics import FleetMetrics, run_metrics
+from hippomat_logs.commands import (
+    conflicts,
+    convert,
+    doctor,
+    export,
+    info,
+    make_map,
+    metrics,
+    plot,
+    report,
+    select,
+)
 from hippomat_logs.recovery import recover
 from hippomat_logs.replay_cli import Parser
 from hippomat_logs.report import REPRODUCED
-from hippomat_logs.tables import fleet_lines, metrics_table
 
 _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] = (
     ("info", info.add_options, info.run, "what logs hold, by their indexes"),
@@ -36,6 +43,18 @@ _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] 
         conflicts.add_options,
         conflicts.run,
         "double requests and double claims, and their causes",
+    ),
+    (
+        "metrics",
+        metrics.add_options,
+        metrics.run,
+        "tasks, travel cost, conflicts, times, links; over many trials too",
+    ),
+    (
+        "report",
+        report.add_options,
+        report.run,
+        "a fleet's run as one HTML file: animated map, time bars, radio",
     ),
     ("plot", plot.add_options, plot.run, "a picture: path, speed, battery, rounds; or scans from above"),
 )
@@ -75,11 +94,6 @@ def parser() -> Parser:
 
     for name, add_options, run, text in _COMMANDS:
         add_options(add(name, text, run))
-    metrics = add("metrics", "tasks, travel cost, conflicts, allocation time, frames", _metrics)
-    metrics.add_argument(
-        "paths", nargs="+", type=Path, metavar="LOG", help="logs of one fleet, or directories"
-    )
-    metrics.add_argument("--json", action="store_true", help="print JSON")
     rescue = add("recover", "make logs of what a dead daemon left (NAME.mcap.active)", _recover)
     rescue.add_argument("paths", nargs="+", type=Path, metavar="PATH", help="directories or files")
     return made
@@ -90,38 +104,6 @@ def _recover(options: argparse.Namespace, console: Console) -> int:
     for line in lines or ["nothing to recover"]:
         console.print(line, markup=False)
     return REPRODUCED
-
-
-def _metrics(options: argparse.Namespace, console: Console) -> int:
-    metrics = run_metrics(options.paths)
-    if options.json:
-        print(json.dumps(as_json(metrics), indent=2))
-        return REPRODUCED
-    console.print(metrics_table(metrics))
-    for line in fleet_lines(metrics):
-        console.print(line)
-    return REPRODUCED
-
-
-def as_json(metrics: FleetMetrics) -> dict[str, Any]:
-    """Everything but the paths driven and the single compute times."""
-    robots = []
-    for robot in metrics.robots:
-        facts = dataclasses.asdict(robot)
-        for name in ("path", "compute_ms", "requested", "confirmed", "seen"):
-            del facts[name]
-        if not robot.guard_limited:
-            facts["guard_nearest_m"] = None  # JSON has no infinity
-        robots.append({**facts, "travel_cost_s": robot.travel_cost_s, "driven_m": robot.driven_m})
-    return {
-        "completed": len(metrics.completed),
-        "completed_twice": metrics.completed_twice,
-        "travel_cost_s": metrics.travel_cost_s,
-        "travel_time_s": metrics.travel_time_s,
-        "conflict_free_rate": metrics.conflict_free_rate,
-        "allocation_s": metrics.allocation_s,
-        "robots": robots,
-    }
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The same work on many files or groups of them: a process for each, a progress bar, results in their order."""
+"""The same work on many files or groups of them: a process for each, a progress bar, results in order."""
 
 from __future__ import annotations
 

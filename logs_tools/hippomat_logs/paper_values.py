@@ -75,6 +75,11 @@ def method_of(allocator: str) -> str:
     return _METHODS.get(allocator, "")
 
 
+def sizes(table: str) -> tuple[int, ...]:
+    """Numbers of agents that a table has."""
+    return _TABLES[table][0]
+
+
 def paper_value(table: str, method: str, agents: int) -> float | None:
     """None where the paper says nothing. Costs and times in s (its cost has no stated unit), success in %."""
     sizes, methods = _TABLES[table]

@@ -53,6 +53,11 @@ def mean(values: Iterable[float]) -> float:
     return sum(known) / len(known) if known else math.nan
 
 
+def most(values: Iterable[float]) -> float:
+    """The largest of those that are numbers; nan where none is."""
+    return max((value for value in values if not math.isnan(value)), default=math.nan)
+
+
 def _latency_ms(fleet: FleetMetrics) -> float:
     return mean(one.median_ms for one in fleet.latencies)
 

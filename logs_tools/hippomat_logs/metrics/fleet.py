@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hippomat_core.config import Config
+from hippomat_core.errors import HippomatError, LogError
+from hippomat_logs.alignment import Alignment, align_runs
 from hippomat_logs.metrics.latency import LatencyMetrics, Times, whole_latencies
 from hippomat_logs.metrics.robot import KINDS, Completed, MetricsReading, RobotMetrics, Task
 from hippomat_logs.metrics.samples import together
@@ -22,6 +25,8 @@ class FleetMetrics:
     """All robots of one fleet; times of different robots compare where run_metrics() made it."""
 
     robots: list[RobotMetrics]
+    config: Config | None = None  # of the first robot
+    clocks: str = ""  # how the robots' clocks were made one
     latencies: list[LatencyMetrics] = field(default_factory=list)  # core to core, by direction
 
     @property
@@ -125,18 +130,41 @@ class FleetMetrics:
 
 def run_metrics(paths: Sequence[Path]) -> FleetMetrics:
     """Metrics of the runs in these logs or directories of logs; raises LogError for a damaged one."""
-    return fleet_metrics(open_runs([Path(path) for path in paths]))
+    runs = open_runs([Path(path) for path in paths])
+    return fleet_metrics(runs, [robot_metrics(run) for run in runs])
 
 
-def fleet_metrics(runs: Sequence[Run]) -> FleetMetrics:
-    """The same of runs that are open."""
-    robots = [robot_metrics(run) for run in runs]
+def fleet_metrics(
+    runs: Sequence[Run], robots: Sequence[RobotMetrics], *, trust_clocks: bool = False
+) -> FleetMetrics:
+    """The robots' figures, one for each run, on one clock: by the frames they heard of each other.
 
-    def common_ns(_place: int, times_ns: Times) -> Times:
-        return times_ns
+    Robots that heard nothing of each other keep their own wall clocks; `clocks` says so.
+    """
+    alignment, clocks = _aligned(runs, trust_clocks)
 
-    halves = [(robot.robot, robot.passages) for robot in robots]
-    return FleetMetrics(robots, whole_latencies(halves, common_ns))
+    def common_ns(place: int, times_ns: Times) -> Times:
+        return alignment.common_ns_array(runs[place], times_ns)
+
+    def common_s(run: Run) -> Callable[[float], float]:
+        return lambda at_s: alignment.common_ns(run, round(at_s * 1e9)) / 1e9
+
+    moved = [robot.moved(common_s(run)) for run, robot in zip(runs, robots, strict=True)]
+    latencies = whole_latencies([(robot.robot, robot.passages) for robot in moved], common_ns)
+    return FleetMetrics(moved, runs[0].config if runs else None, clocks, latencies)
+
+
+def _aligned(runs: Sequence[Run], trust_clocks: bool) -> tuple[Alignment, str]:
+    if len(runs) < 2 or trust_clocks:
+        return Alignment.trusting(runs), "the robots' wall clocks, trusted" if len(runs) > 1 else ""
+    try:
+        alignment = align_runs(runs)
+    except LogError:
+        raise
+    except HippomatError:
+        return Alignment.trusting(runs), "the robots' wall clocks: no radio traffic links all of them"
+    unsure_ms = max(clock.uncertainty_ns for clock in alignment.clocks) / 1e6
+    return alignment, f"one clock by the frames they heard of each other, within {unsure_ms:.1f} ms"
 
 
 def robot_metrics(run: Run) -> RobotMetrics:

@@ -64,11 +64,12 @@ class LatencyReading:
         self._window: list[int] = []  # host minus radio clock [ns]
         self._window_end_ns = 0
 
-    def heard(self, message: m.StateHeard, log_time_ns: int) -> None:
+    def heard(self, message: m.StateHeard, log_time_ns: int, agreed: bool) -> None:
+        """agreed: fleet time is."""
         header = message.header
         self.passages.heard[header.sender].add((header.boot, header.sequence), log_time_ns)
-        air_us = message.fleet_time_us - header.fleet_time_us
-        self.air_ms.add(air_us / 1e3)
+        if agreed:
+            self.air_ms.add((message.fleet_time_us - header.fleet_time_us) / 1e3)
         if message.stamp_ns > self._window_end_ns:
             self._close_window()
             self._window_end_ns = message.stamp_ns + WINDOW_NS

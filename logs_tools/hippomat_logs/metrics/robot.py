@@ -117,7 +117,7 @@ class RobotMetrics:
 
         return replace(
             self,
-            begun_s=common_s(self.begun_s),
+            begun_s=self.begun_s if math.isnan(self.begun_s) else common_s(self.begun_s),
             completed=[replace(one, at_s=common_s(one.at_s)) for one in self.completed],
             requested=table(self.requested),
             confirmed=table(self.confirmed),
@@ -145,6 +145,7 @@ class MetricsReading:
         self._links = LinkReading(robot, config.fleet.size, config.fleet.round_s)
         self._latency, self._computer, self._radio = LatencyReading(), ComputerReading(), RadioReading()
         self._path = array("f")
+        self._agreed = False  # our radio's fleet time is the fleet's
         self._first_ns = self._log_time_ns = 0
         self._see: dict[type, Callable[[Any], None]] = {
             kind: getattr(self, name) for kind, name in _HANDLERS.items()
@@ -192,7 +193,7 @@ class MetricsReading:
             found.completed.append(Completed(found.robot, task, at_s, self._cost_s(claim.cost), travel_s))
 
     def _cost_s(self, code: int) -> float:
-        return float(dequantise(np.array([code], np.uint8), self._c_max_s)[0]) if self._c_max_s else 0.0
+        return float(dequantise(np.array([code], np.uint8), self._c_max_s)[0]) if self._c_max_s else math.nan
 
     def _conflict(self, message: m.ConflictSeen) -> None:
         _count(self._metrics.conflicts, message.cause)
@@ -229,7 +230,7 @@ class MetricsReading:
 
     def _heard_state(self, message: m.StateHeard) -> None:
         self._links.heard(message)
-        self._latency.heard(message, self._log_time_ns)
+        self._latency.heard(message, self._log_time_ns, self._agreed)
 
     def _frame_sent(self, message: m.FrameSent) -> None:
         self._metrics.frames_sent += message.sent
@@ -243,6 +244,9 @@ class MetricsReading:
     def _status(self, message: m.RadioStatus) -> None:
         self._latency.status(message)
         self._radio.status(message)
+
+    def _round(self, message: m.RoundEnded) -> None:
+        self._agreed = message.agreed
 
     # ---- the rest ----
 
@@ -283,6 +287,7 @@ _HANDLERS: dict[type, str] = {
     m.StopHeard: "_heard",
     m.FrameSent: "_frame_sent",
     m.SendState: "_send_state",
+    m.RoundEnded: "_round",
     m.RadioStatus: "_status",
     m.RoundDecided: "_decided",
     TimingRecord: "_timing",

@@ -43,16 +43,18 @@ def assemble(
     read: Sequence[ReadLog],
     common: Sequence[CommonNs],
     conflicts: Sequence[Conflict] | None = None,
-    warnings: Sequence[str] = (),
+    clocks: str = "",
+    doubt: str = "",
 ) -> ReportData:
     """read: the logs of one run, by robot; common: the clock of each.
 
-    conflicts: of the fleet; None: not known, each robot's own word is taken. warnings: of the time base.
+    conflicts: of the fleet; None: not known, each robot's own word is taken.
+    clocks: how times of different robots compare. doubt: why they may not, "" = they do.
     """
     spans_ns = [clock(_span_ns(one)) for one, clock in zip(read, common, strict=True)]
     begun_ns, ended_ns = (int(pick(spans_ns)) for pick in (np.min, np.max))
-    clocks = [_since(clock, one, begun_ns) for one, clock in zip(read, common, strict=True)]
-    robots, span_s = _robots(read, clocks), max((ended_ns - begun_ns) / 1e9, SHORTEST_S)
+    times = [_since(clock, one, begun_ns) for one, clock in zip(read, common, strict=True)]
+    robots, span_s = _robots(read, times), max((ended_ns - begun_ns) / 1e9, SHORTEST_S)
     return ReportData(
         title=_title(read),
         begun_ns=begun_ns,
@@ -60,13 +62,16 @@ def assemble(
         robots=robots,
         frames=frames_of(robots, span_s),
         grid=next((one.reading.grid for one in read if one.reading.grid is not None), None),
-        tasks=_tasks(read, clocks, robots),
-        conflicts=_noticed(robots) if conflicts is None else conflicts_shown(conflicts, read, clocks),
+        tasks=_tasks(read, times, robots),
+        conflicts=_noticed(robots) if conflicts is None else conflicts_shown(conflicts, read, times),
         explained=conflicts is not None,
-        metrics=_metrics(read, common),
+        metrics=_metrics(read, common, clocks),
         age_counts=np.sum([one.reading.age_counts for one in read], axis=0),
-        facts=_facts(read, begun_ns, span_s),
-        warnings=[*(f"{one.log.who}: {fault}" for one in read for fault in one.faults), *warnings],
+        facts=_facts(read, begun_ns, span_s, clocks),
+        warnings=[
+            *(f"{one.log.who}: {fault}" for one in read for fault in one.faults),
+            *([doubt] if doubt else []),
+        ],
     )
 
 
@@ -165,7 +170,7 @@ def task_lives(seen: Sequence[TaskSeen], robots: Sequence[RobotView]) -> list[Ta
 # ---- between robots ----
 
 
-def _metrics(read: Sequence[ReadLog], common: Sequence[CommonNs]) -> FleetMetrics:
+def _metrics(read: Sequence[ReadLog], common: Sequence[CommonNs], clocks: str) -> FleetMetrics:
     """All robots' on the fleet's time."""
 
     def moved(one: ReadLog, clock: CommonNs) -> RobotMetrics:
@@ -173,7 +178,8 @@ def _metrics(read: Sequence[ReadLog], common: Sequence[CommonNs]) -> FleetMetric
 
     robots = [moved(one, clock) for one, clock in zip(read, common, strict=True)]
     halves = [(one.robot, one.passages) for one in robots]
-    return FleetMetrics(robots, whole_latencies(halves, lambda place, times: common[place](times)))
+    latencies = whole_latencies(halves, lambda place, times: common[place](times))
+    return FleetMetrics(robots, read[0].log.run.config, clocks, latencies)
 
 
 def conflicts_shown(
@@ -221,7 +227,7 @@ def _title(read: Sequence[ReadLog]) -> str:
     )
 
 
-def _facts(read: Sequence[ReadLog], begun_ns: int, span_s: float) -> list[Fact]:
+def _facts(read: Sequence[ReadLog], begun_ns: int, span_s: float, clocks: str) -> list[Fact]:
     begun = datetime.fromtimestamp(begun_ns / 1e9, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
     who = ", ".join(f"{one.log.who} ({one.log.manifest.get('host', '?')})" for one in read)
     configs = [one.log.run.config for one in read]
@@ -235,6 +241,7 @@ def _facts(read: Sequence[ReadLog], begun_ns: int, span_s: float) -> list[Fact]:
         _same("Map", [_short(one.log.manifest.get("map_hash", "")) for one in read]),
         _same("hippomat", [one.log.manifest.get("hippomat", "?") for one in read]),
         _replayable(read),
+        *([Fact("Clocks", clocks)] if clocks else []),
     ]
 
 

@@ -7,6 +7,7 @@ wall clocks where it is not, which the report then says.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -15,12 +16,12 @@ from numpy.typing import NDArray
 
 from hippomat_core.errors import HippomatError
 from hippomat_logs.alignment import Alignment, align_runs
-from hippomat_logs.each_file import each_file, progress_bar
+from hippomat_logs.each_file import each_item, progress_bar
 from hippomat_logs.fleet_story.conflicts import Conflict, conflicts_of
 from hippomat_logs.reader import Run
 from hippomat_logs.report_html.assembly import assemble
 from hippomat_logs.report_html.data import ReportData
-from hippomat_logs.report_html.logs import FoundLog, ReadLog, find_logs, read_log
+from hippomat_logs.report_html.logs import ReadLog, find_logs, read_log
 
 
 def build(paths: Sequence[Path]) -> tuple[ReportData, bool]:
@@ -28,41 +29,51 @@ def build(paths: Sequence[Path]) -> tuple[ReportData, bool]:
 
     Raises HippomatError where they are not of one run of one fleet.
     """
-    logs = {log.paths[0]: log for log in find_logs(paths)}
-    known = frozenset(log.robot for log in logs.values())
-    work = partial(_read_one, logs, known)
-    read = [found for _, found in each_file(list(logs), work, "reading")]
-    alignment, warnings = _aligned(read)
-    common = [partial(_common_ns, alignment, one.log.run) for one in read]
-    data = assemble(read, common, _conflicts(read), warnings)
-    return data, not any(one.faults for one in read)
-
-
-def _read_one(logs: dict[Path, FoundLog], known: frozenset[int], path: Path) -> ReadLog:
-    return read_log(logs[path], known)
+    logs = find_logs(paths)
+    known = frozenset(log.robot for log in logs)
+    size = sum(path.stat().st_size for log in logs for path in log.paths)
+    read = list(each_item(logs, partial(read_log, known=known), "reading", size))
+    base = _time_base(read)
+    common = [partial(_common_ns, base.alignment, one.log.run) for one in read]
+    return assemble(read, common, _conflicts(read), base.clocks, base.doubt), not any(
+        one.faults for one in read
+    )
 
 
 def _common_ns(alignment: Alignment, run: Run, times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     return alignment.common_ns_array(run, times_ns)
 
 
-def _aligned(read: Sequence[ReadLog]) -> tuple[Alignment, list[str]]:
-    """The time base, and what is doubtful about it."""
+@dataclass(frozen=True, slots=True)
+class _TimeBase:
+    """How the logs' clocks were made one. doubt: why that may be wrong, "" = it is not."""
+
+    alignment: Alignment
+    clocks: str = ""
+    doubt: str = ""
+
+
+def _time_base(read: Sequence[ReadLog]) -> _TimeBase:
     runs = [one.log.run for one in read]
-    trusting = Alignment.trusting(runs)
+    trusting, clocks = Alignment.trusting(runs), "the robots' wall clocks, trusted"
     if len(runs) < 2:
-        return trusting, []
+        return _TimeBase(trusting)
     if not all(one.whole for one in read):
-        return trusting, ["a log is damaged, so times of different robots are those of their own wall clocks"]
+        doubt = "a log is damaged, so times of different robots are those of their own wall clocks"
+        return _TimeBase(trusting, clocks, doubt)
     try:
         with progress_bar() as bar:
             task = bar.add_task("aligning clocks", total=len(runs))
-            return align_runs(runs, progress=lambda _: bar.advance(task)), []
+            alignment = align_runs(runs, progress=lambda _: bar.advance(task))
     except HippomatError as error:
         if not _overlap(read):
             raise
-        text = str(error).partition(":")[0]
-        return trusting, [f"{text}: times of different robots are those of their own wall clocks"]
+        why = str(error).partition(",")[0]
+        return _TimeBase(trusting, clocks, f"{why}: times of different robots are those of their wall clocks")
+    unsure_ms = max(clock.uncertainty_ns for clock in alignment.clocks) / 1e6
+    return _TimeBase(
+        alignment, f"one, by the frames that robots heard of each other, within {unsure_ms:.1f} ms"
+    )
 
 
 def _overlap(read: Sequence[ReadLog]) -> bool:
