@@ -25,6 +25,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("paths", nargs="+", type=Path, metavar="LOG", help="logs, or directories of logs")
     out = "the file to write (default: report.html here)"
     parser.add_argument("-o", "--out", type=Path, default=DEFAULT_OUT, metavar="HTML", help=out)
+    trust = "the robots' wall clocks are one: do not align them"
+    parser.add_argument("--trust-clocks", action="store_true", help=trust)
     parser.add_argument("--open", action="store_true", help="open it in the browser")
 
 
@@ -35,7 +37,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if not out.parent.is_dir():
         raise HippomatError(f"{out}: there is no directory {out.parent}")
     needs_bokeh()
-    data, whole = build(options.paths)
+    data, whole = build(options.paths, options.trust_clocks)
     text = render(data, package_version())
     out.write_text(text, encoding="utf-8")
     size = f"{len(text.encode()) / 2**20:.1f} MiB"

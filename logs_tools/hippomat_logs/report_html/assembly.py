@@ -152,13 +152,12 @@ def task_lives(seen: Sequence[TaskSeen], robots: Sequence[RobotView]) -> list[Ta
                 lives[key] = replace(lives[key], closed_s=one.at_s)
         elif key not in lives:
             lives[key] = TaskLife(one.slot, one.generation, one.x_m, one.y_m, one.at_s)
-    newest: dict[int, TaskLife] = {}
-    for key in sorted(lives):
+    newer_s: dict[int, float] = {}  # slot -> when any newer generation than the one at hand was known
+    for key in sorted(lives, reverse=True):
         life = lives[key]
-        if older := newest.get(life.slot):
-            older_key = older.slot, older.generation
-            lives[older_key] = replace(older, closed_s=min(older.closed_s, max(life.seen_s, older.seen_s)))
-        newest[life.slot] = life
+        over_s = newer_s.get(life.slot, math.inf)
+        lives[key] = replace(life, closed_s=min(life.closed_s, max(over_s, life.seen_s)))
+        newer_s[life.slot] = min(over_s, life.seen_s)
     for robot in robots:
         for end in robot.ends:
             key = end.slot, end.generation

@@ -24,7 +24,7 @@ from hippomat_logs.report_html.data import ReportData
 from hippomat_logs.report_html.logs import ReadLog, find_logs, read_log
 
 
-def build(paths: Sequence[Path]) -> tuple[ReportData, bool]:
+def build(paths: Sequence[Path], trust_clocks: bool = False) -> tuple[ReportData, bool]:
     """What a report of these logs shows, and whether all of them are whole.
 
     Raises HippomatError where they are not of one run of one fleet.
@@ -33,7 +33,7 @@ def build(paths: Sequence[Path]) -> tuple[ReportData, bool]:
     known = frozenset(log.robot for log in logs)
     size = sum(path.stat().st_size for log in logs for path in log.paths)
     read = list(each_item(logs, partial(read_log, known=known), "reading", size))
-    base = _time_base(read)
+    base = _time_base(read, trust_clocks)
     common = [partial(_common_ns, base.alignment, one.log.run) for one in read]
     return assemble(read, common, _conflicts(read), base.clocks, base.doubt), not any(
         one.faults for one in read
@@ -53,11 +53,13 @@ class _TimeBase:
     doubt: str = ""
 
 
-def _time_base(read: Sequence[ReadLog]) -> _TimeBase:
+def _time_base(read: Sequence[ReadLog], trust_clocks: bool) -> _TimeBase:
     runs = [one.log.run for one in read]
     trusting, clocks = Alignment.trusting(runs), "the robots' wall clocks, trusted"
     if len(runs) < 2:
         return _TimeBase(trusting)
+    if trust_clocks:
+        return _TimeBase(trusting, clocks)
     if not all(one.whole for one in read):
         doubt = "a log is damaged, so times of different robots are those of their own wall clocks"
         return _TimeBase(trusting, clocks, doubt)

@@ -51,8 +51,7 @@ def map_figure(data: ReportData) -> Any:
         x_axis_label="x [m]",
         y_axis_label="y [m]",
         match_aspect=True,
-        height=560,
-        sizing_mode="stretch_width",
+        sizing_mode="stretch_both",  # of what page.css gives it
         tools=[PanTool(), WheelZoomTool(), ResetTool(), SaveTool()],
         active_scroll=None,
         name="map",
@@ -147,7 +146,7 @@ def _draw_tasks(plot: Any) -> None:
     plot.text(
         "x", "y", text="label", text_font_size="11px", x_offset=9, y_offset=-5, alpha="alpha", source=source
     )
-    plot.add_tools(HoverTool(renderers=[drawn], tooltips=[("task", "@text")]))
+    plot.add_tools(HoverTool(visible=False, renderers=[drawn], tooltips=[("task", "@text")]))
 
 
 def _draw_robots(plot: Any) -> None:
@@ -160,9 +159,10 @@ def _draw_robots(plot: Any) -> None:
     plot.segment("x", "y", "hx", "hy", line_color="#FFFFFF", line_width=2.5, line_cap="round", source=source)
     plot.text(
         "x", "y", text="name", text_font_size="13px", text_font_style="bold", text_color="colour",
-        text_outline_color="#FFFFFF", x_offset=10, y_offset=18, source=source,
+        background_fill_color="#FFFFFF", background_fill_alpha=0.75, padding=1, border_radius=3,
+        x_offset=10, y_offset=20, source=source,
     )  # fmt: skip
-    plot.add_tools(HoverTool(renderers=[bodies], tooltips=[("robot", "@name"), ("", "@text")]))
+    plot.add_tools(HoverTool(visible=False, renderers=[bodies], tooltips=[("robot", "@name"), ("", "@text")]))
 
 
 def outline_of(robot: RobotView) -> list[tuple[float, float]]:
@@ -190,7 +190,7 @@ def _time_figure(rows: Sequence[str], shared: Range1d, name: str) -> Any:
         sizing_mode="stretch_width",
         tools=[
             PanTool(dimensions="width"), BoxZoomTool(dimensions="width"),
-            WheelZoomTool(dimensions="width"), ResetTool(), SaveTool(),
+            WheelZoomTool(dimensions="width"), ResetTool(),
         ],
         active_scroll=None,
         name=name,
@@ -226,6 +226,7 @@ def gantt_figure(data: ReportData, shared: Range1d) -> Any:
     )
     plot.add_tools(
         HoverTool(
+            visible=False,
             renderers=[drawn],
             tooltips=[
                 ("", "@row: @phase"),
@@ -283,11 +284,11 @@ def _claim_labels(data: ReportData) -> dict[str, list[Any]]:
     return labels
 
 
-EVENT_MARKS = {  # kind -> (marker, colour, what the legend says)
+EVENT_MARKS = {  # kind -> (marker; "" a bar while it lasts, colour, what the legend says)
     "alarm": ("triangle", "#D55E00", "alarm"),
     "conflict": ("x", "#CC79A7", "conflict"),
     "stop": ("square", "#000000", "STOP, RESUME"),
-    "guard": ("dash", "#0072B2", "guard slowed it"),
+    "guard": ("", "#0072B2", "guard slowed it"),
     "recovery": ("circle", "#E69F00", "stuck"),
     "loss": ("inverted_triangle", "#5C6470", "records lost"),
 }
@@ -303,12 +304,11 @@ def events_figure(data: ReportData, shared: Range1d) -> Any:
         if not columns["x"]:
             continue
         source = ColumnDataSource(columns, name=f"events_{kind}")
-        if kind == "guard":
-            plot.hbar("row", left="x", right="end", height=0.5, color="colour", source=source)
-        marks = plot.scatter(
-            "x", "row", marker=marker, size=10, line_color="colour", fill_color="colour", line_width=2,
-            fill_alpha=0.8, legend_label=text, source=source,
-        )  # fmt: skip
+        looks = {"line_color": "colour", "fill_color": "colour", "line_width": 2, "legend_label": text}
+        if marker:
+            marks = plot.scatter("x", "row", marker=marker, size=10, fill_alpha=0.8, source=source, **looks)
+        else:
+            marks = plot.hbar("row", left="x", right="end", height=0.4, source=source, **looks)
         drawn.append(marks)
     if drawn:
         plot.add_layout(plot.legend[0], "above")
@@ -316,7 +316,7 @@ def events_figure(data: ReportData, shared: Range1d) -> Any:
         plot.legend.click_policy = "hide"
         plot.height += 34
     tooltips = [("", "@row, @x{0.0} s"), ("", "@what"), ("", "@text")]
-    plot.add_tools(HoverTool(renderers=drawn, tooltips=tooltips))
+    plot.add_tools(HoverTool(visible=False, renderers=drawn, tooltips=tooltips))
     return plot
 
 

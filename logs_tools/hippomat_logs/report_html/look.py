@@ -93,6 +93,14 @@ def theme() -> Any:
                 },
                 "Grid": {"grid_line_color": GRID},
                 "Text": text,
+                "ColorBar": {
+                    "title_text_font": FONT,
+                    "title_text_font_style": "normal",
+                    "title_text_font_size": "12px",
+                    "title_text_color": SOFT_INK,
+                    "major_label_text_font": FONT,
+                    "major_label_text_color": INK,
+                },
                 "Legend": {
                     "label_text_font": FONT,
                     "label_text_font_size": "12px",

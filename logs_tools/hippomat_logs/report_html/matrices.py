@@ -16,10 +16,10 @@ from hippomat_core.wire.frames import OPERATOR
 from hippomat_logs.report_html.data import NEVER_HEARD_MS, ReportData
 
 PALETTE = tuple(reversed(Cividis256))  # perceptually even, the same for all colour vision (Nunez et al. 2018)
-READABLE = 12  # robots; cells of more have no room for numbers
+ROOMY, READABLE = 8, 12  # robots; cells of more have room for one line of numbers, or for none
 SIDE_PX, HISTOGRAM_PX = 400, 300
 BINS = 45
-LATENCY_STEP_MS, LATENCY_BINS = 0.02, 5_000
+LATENCY_STEP_MS, LATENCY_BINS = 0.01, 10_000
 SHOWN_SHARE = 0.995  # of a histogram; what lies beyond would press it against its axis
 DARK_FROM = 0.55  # of the palette: white numbers on it
 
@@ -63,7 +63,7 @@ def delivery_figure(data: ReportData) -> Any | None:
             "x": _named(link.sender),
             "y": _named(receiver),
             "value": 100 * link.delivery,
-            "label": f"{100 * link.delivery:.0f}",
+            "label": f"{100 * link.delivery:.0f} %" + f"\n{link.rssi_dbm:.0f}" * (len(data.robots) <= ROOMY),
             "text": f"{link.received:,} frames heard, {link.lost:,} lost, median {link.rssi_dbm:.0f} dBm",
         }
         for receiver, link in heard
@@ -102,7 +102,7 @@ def _matrix(
     drawn = plot.rect("x", "y", 0.96, 0.96, fill_color=fill, line_color=None, source=source)
     if max(len(columns), len(rows)) <= READABLE:
         plot.text(
-            "x", "y", text="label", text_color="ink", text_font_size="13px", text_align="center",
+            "x", "y", text="label", text_color="ink", text_font_size="12px", text_align="center",
             text_baseline="middle", source=source,
         )  # fmt: skip
     bar = ColorBar(
@@ -113,7 +113,7 @@ def _matrix(
         ticker=BasicTicker(desired_num_ticks=5),
     )
     plot.add_layout(bar, "right")
-    plot.add_tools(HoverTool(renderers=[drawn], tooltips=tooltips))
+    plot.add_tools(HoverTool(visible=False, renderers=[drawn], tooltips=tooltips))
     return plot
 
 
@@ -166,7 +166,11 @@ def _histogram(counts: NDArray[np.int64], step: float, x_label: str, y_label: st
         left="left", right="right", top="top", bottom=0, fill_color="#0072B2", line_color="#FFFFFF",
         line_width=0.6, source=ColumnDataSource(columns),
     )  # fmt: skip
-    plot.add_tools(HoverTool(renderers=[drawn], tooltips=[("", "@left{0.00} to @right{0.00} ms: @top{0,0}")]))
+    plot.add_tools(
+        HoverTool(
+            visible=False, renderers=[drawn], tooltips=[("", "@left{0.00} to @right{0.00} ms: @top{0,0}")]
+        )
+    )
     return plot
 
 

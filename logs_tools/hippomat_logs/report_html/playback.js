@@ -6,6 +6,7 @@
   const element = (id) => document.getElementById(id);
   const slider = element("time"), play = element("play"), clock = element("clock"), speed = element("speed");
   const KEPT_S = 3;  // for so long a served task stays on the map
+  const LABEL_PX = 34, BESIDE_PX = 150;  // of a task's number; of a time axis' own labels and tools
 
   // The last row whose first entry is not after t; rows are in the order of their times.
   function lastBefore(rows, t) {
@@ -160,7 +161,8 @@
 
     // Numbers only on bars that have room for them, whatever is zoomed to.
     function label() {
-      const range = source("time"), labels = source("labels"), wide = (range.end - range.start) * 0.035;
+      const range = source("time"), labels = source("labels");
+      const wide = LABEL_PX * (range.end - range.start) / Math.max(play.parentElement.clientWidth - BESIDE_PX, 1);
       const {label, room} = labels.data;
       labels.data = {...labels.data, shown: label.map((text, k) => (room[k] >= wide ? text : ""))};
     }
@@ -173,6 +175,7 @@
     }
     source("time").properties.start.change.connect(label);
     source("time").properties.end.change.connect(label);
+    window.addEventListener("resize", label);
     label();
     draw(0);
     window.hippomatReport = {draw, doc};  // for tests, and for whoever opens the console
