@@ -25,6 +25,7 @@ from hippomat_logs.commands import (
     make_map,
     metrics,
     plot,
+    report,
     select,
 )
 from hippomat_logs.recovery import recover
@@ -53,6 +54,12 @@ _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] 
         "double requests, double claims, their causes",
     ),
     ("explain", explain.add_options, explain.run, "why a task went to whom, why a robot decided as it did"),
+    (
+        "report",
+        report.add_options,
+        report.run,
+        "a fleet's run as one HTML page: animated map, time bars, radio",
+    ),
     ("plot", plot.add_options, plot.run, "a picture: path, speed, battery, rounds; or scans from above"),
 )
 
