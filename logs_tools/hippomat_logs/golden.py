@@ -18,7 +18,7 @@ from typing import Any
 
 from hippomat_core import messages as m
 from hippomat_core.errors import HippomatError
-from hippomat_logs.metrics import fleet_metrics, robot_metrics
+from hippomat_logs.metrics import clocks_of, fleet_metrics, robot_metrics
 from hippomat_logs.metrics.as_json import plain
 from hippomat_logs.metrics.figures import figures_of
 from hippomat_logs.reader import Run, open_runs
@@ -82,7 +82,7 @@ def report_of(directory: Path) -> dict[str, Any]:
     runs = open_runs([directory])
     verdicts = {report.robot: report.verdict for report in _replays(runs)}
     robots = {f"robot {run.robot}": {"verdict": verdicts[run.robot], **_facts_of(run)} for run in runs}
-    metrics = fleet_metrics(runs, [robot_metrics(run) for run in runs], trust_clocks=True)
+    metrics = fleet_metrics(runs, [robot_metrics(run) for run in runs], clocks_of(runs, trusted=True))
     figures = plain(figures_of(metrics))
     return {"robots": robots, "figures": {key: value for key, value in figures.items() if value is not None}}
 

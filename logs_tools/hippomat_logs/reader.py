@@ -236,15 +236,25 @@ def _gap(expected: int, found: int) -> str:
 
 def open_runs(paths: Sequence[Path]) -> list[Run]:
     """Group files into runs (one per robot and session), parts in order."""
+    return _opened([(path, inside) for path in _expanded(paths) for inside in runs_inside(path) or ("",)])
+
+
+def open_again(paths: Sequence[Path], inside: str) -> Run:
+    """The one run that Run.paths and Run.inside name, e.g. in another process."""
+    (run,) = _opened([(path, inside) for path in paths])
+    return run
+
+
+def _opened(places: Sequence[tuple[Path, str]]) -> list[Run]:
+    """The runs at these places: files, and which run inside a fused one."""
     groups: dict[tuple[str, ...], list[tuple[int, Path, Contents, int]]] = {}
     store = reading_store()
-    for path in dict.fromkeys(_expanded(paths)):
-        for inside in runs_inside(path) or ("",):
-            contents, messages = read_contents(path, store, inside)
-            manifest = contents.manifest
-            whole = str(path) if inside else ""  # a run in a fused file has no further parts
-            key = manifest.get("robot", ""), manifest.get("session_id", ""), whole
-            groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, contents, messages))
+    for path, inside in dict.fromkeys(places):
+        contents, messages = read_contents(path, store, inside)
+        manifest = contents.manifest
+        whole = str(path) if inside else ""  # a run in a fused file has no further parts
+        key = manifest.get("robot", ""), manifest.get("session_id", ""), whole
+        groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, contents, messages))
     runs = []
     for parts in groups.values():
         parts.sort(key=lambda part: part[0])
@@ -254,11 +264,6 @@ def open_runs(paths: Sequence[Path]) -> list[Run]:
         run = Run(paths_in_order, first.manifest, policy, records=total, store=store, inside=first.inside)
         runs.append(run)
     return sorted(runs, key=lambda run: (run.robot, run.manifest.get("started_ns", "")))
-
-
-def open_again(paths: Sequence[Path], inside: str) -> Run:
-    """The one run that Run.paths and Run.inside name, e.g. in another process."""
-    return next(run for run in open_runs(paths) if run.inside == inside)
 
 
 def runs_inside(path: Path) -> tuple[str, ...]:
