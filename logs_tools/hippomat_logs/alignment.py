@@ -102,8 +102,8 @@ def align_runs(
     trust_clocks: leave all wall clocks as they are; how far they are off shows in the residuals.
     Raises HippomatError naming the runs that share no traffic with the reference, LogError for damaged logs.
     """
-    order = sorted(range(len(runs)), key=lambda k: _place(runs[k]))
-    runs = [runs[k] for k in order]
+    runs = sorted(runs, key=_place)
+    root = _root(runs, reference)
     if len(runs) < 2:
         return Alignment.trusting(runs)
     traffic = []
@@ -111,7 +111,6 @@ def align_runs(
         progress(run.name)
         traffic.append(traffic_of(run))
     links = links_between(traffic)
-    root = _root(runs, reference)
     routes = _trusted_routes(runs) if trust_clocks else _routes(len(runs), links, traffic, root)
     _refuse_strangers(runs, routes, root)
     maps = [_composed(routes, links, k) for k in range(len(runs))]

@@ -48,6 +48,8 @@ def alignment_table(alignment: Alignment) -> Table:
 
 def alignment_lines(alignment: Alignment) -> list[str]:
     """What the table cannot say."""
+    if len(alignment.clocks) == 1:
+        return ["one run: its own log time is common time"]
     if not alignment.reference:
         return ["the wall clocks of all logs are trusted"]
     lines = [f"common time is the log time of {alignment.reference}"]

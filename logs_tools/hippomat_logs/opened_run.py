@@ -186,7 +186,8 @@ def group_opened(opened: Iterable[Source]) -> list[OpenedRun]:
         groups.setdefault(key, []).append(source)
     for sources in groups.values():
         sources.sort(key=lambda source: int(manifest_of(source).get("part", "0")))
-    runs = [OpenedRun(sources) for sources in groups.values()]
+    own = {key for key in groups if len(key) == 2}
+    runs = [OpenedRun(sources) for key, sources in groups.items() if len(key) < 3 or key[:2] not in own]
     return sorted(runs, key=lambda run: (run.robot, run.span_ns, run.name))
 
 

@@ -235,7 +235,10 @@ def _gap(expected: int, found: int) -> str:
 
 
 def open_runs(paths: Sequence[Path]) -> list[Run]:
-    """Group files into runs (one per robot and session), parts in order."""
+    """Group files into runs (one per robot and session), parts in order.
+
+    A run that is there both as its own files and in a fused one is given once, as its own files.
+    """
     return _opened([(path, inside) for path in _expanded(paths) for inside in runs_inside(path) or ("",)])
 
 
@@ -247,7 +250,7 @@ def open_again(paths: Sequence[Path], inside: str) -> Run:
 
 def _opened(places: Sequence[tuple[Path, str]]) -> list[Run]:
     """The runs at these places: files, and which run inside a fused one."""
-    groups: dict[tuple[str, ...], list[tuple[int, Path, Contents, int]]] = {}
+    groups: dict[tuple[str, str, str], list[tuple[int, Path, Contents, int]]] = {}
     store = reading_store()
     for path, inside in dict.fromkeys(places):
         contents, messages = read_contents(path, store, inside)
@@ -256,7 +259,12 @@ def _opened(places: Sequence[tuple[Path, str]]) -> list[Run]:
         key = manifest.get("robot", ""), manifest.get("session_id", ""), whole
         groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, contents, messages))
     runs = []
-    for parts in groups.values():
+    known: set[tuple[str, ...]] = set()
+    for key in sorted(groups, key=lambda one: bool(one[2])):  # own files first
+        if key[2] and key[:2] in known:
+            continue
+        known.add(key[:2])
+        parts = groups[key]
         parts.sort(key=lambda part: part[0])
         total, first = sum(messages for *_, messages in parts), parts[0][2]
         paths_in_order = tuple(path for _, path, *_ in parts)

@@ -370,8 +370,10 @@ def _attachment(body: memoryview, at: int, contents: Contents) -> None:
 
 
 def _own(name: str, inside: str) -> str | None:
-    """What a run of a fused file calls it; None: it is not that run's."""
-    return name[len(inside) :].lstrip("/") if name.startswith(f"{inside}/") else None if inside else name
+    """What a run of a fused file calls it; None: it is another run's. A file of one run has no prefixes."""
+    if not inside:
+        return name
+    return name[len(inside) + 1 :] if name.startswith(f"{inside}/") else None
 
 
 def _schema(body: memoryview, contents: Contents) -> None:

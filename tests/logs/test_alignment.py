@@ -156,6 +156,8 @@ def test_any_robot_can_be_the_reference() -> None:
     assert max(errors_ns(alignment, runs, THREE, reference=2)) < 1_000_000
     with pytest.raises(HippomatError, match="there is no run of robot 7"):
         align_runs(runs, reference=7)
+    with pytest.raises(HippomatError, match="there is no run of robot 7: there are those of 1"):
+        align_runs(runs[1:2], reference=7)
 
 
 def test_one_run_and_trusted_clocks_are_left_as_they_are() -> None:

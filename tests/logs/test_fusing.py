@@ -173,6 +173,18 @@ def test_its_tables_are_those_of_the_parts(logs: Path, fused: Path) -> None:
         assert len(b.table(topic, 1.0, 2.0)) == len(a.table(topic, 1.0, 2.0)) > 0
 
 
+def test_a_run_that_is_there_twice_is_given_once_as_its_own_files(logs: Path, fused: Path) -> None:
+    assert fused.parent == logs.parent
+    assert [run.inside for run in open_runs([logs.parent])] == ["", "", ""]
+    assert len(group_runs(logs.parent)) == 3
+    assert len(open_runs([fused, fused.parent])) == 3
+
+
+def test_a_fused_file_can_be_fused_again(fused: Path, tmp_path: Path) -> None:
+    assert main(["fuse", str(fused), "-o", str(tmp_path / "again.mcap")]) == 0
+    assert_same_runs(fused, tmp_path / "again.mcap")
+
+
 def test_info_and_doctor_say_what_it_is(fused: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(fused)]) == 0
     assert "one of the runs fused in this file, at /robot02" in capsys.readouterr().out
