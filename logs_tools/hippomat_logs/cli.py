@@ -1,6 +1,7 @@
 """hippomat-logs: look into logs, check and rescue them, cut and convert them, and say what a fleet achieved.
 
-Exit codes: 0 done, 1 tool or usage error, 3 a log is damaged or lossy. The commands are in commands/.
+Exit codes: 0 done, 1 tool or usage error, 2 conflicts: a task had two confirmed holders, 3 a log is
+damaged or lossy. The commands are in commands/.
 """
 
 from __future__ import annotations
@@ -87,7 +88,8 @@ def parser() -> Parser:
     made = Parser(
         prog="hippomat-logs",
         description="Look into the logs of runs. To reproduce a run: hippomat-replay.",
-        epilog="exit codes: 0 done, 1 tool or usage error, 3 a log is damaged or lossy",
+        epilog="exit codes: 0 done, 1 tool or usage error, 2 conflicts: a task had two confirmed holders, "
+        "3 a log is damaged or lossy",
     )
     commands = made.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND")
 
