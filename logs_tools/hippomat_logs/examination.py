@@ -21,7 +21,7 @@ from hippomat_core.messages import Tick
 from hippomat_logs.column_table import table_of
 from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.manifest import config_of
-from hippomat_logs.reader import Losses, mapped, reading_store
+from hippomat_logs.reader import Losses, mapped, open_again, reading_store, runs_inside
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.recovery import lenient_contents
 from hippomat_logs.schema import CLASSES, MessageStore
@@ -67,6 +67,8 @@ def examine(path: Path, told: Callable[[float], None] = lambda _share: None) -> 
             found.add(LOSS, _unfinished(path))
         if path.is_file() and path.stat().st_size == 0:
             found.add(LOSS, "is empty: nothing was recorded in it")
+        elif path.is_file() and runs_inside(path):
+            _examine_fused(path, found)
         elif path.is_file() and _is_ours(path):
             _examine_ours(path, found, told)
         else:
@@ -89,6 +91,22 @@ def _is_ours(path: Path) -> bool:
     """Does it carry our manifest near its head? A copy that lost it is examined as anybody's log."""
     with path.open("rb") as file:
         return b"hippomat.run" in file.read(1 << 16)
+
+
+def _examine_fused(path: Path, found: Examination) -> None:
+    """Run by run, as a replay would read them: the parts are there to recover from."""
+    for inside in runs_inside(path):
+        try:
+            run = open_again([path], inside)
+            found.records += sum(1 for _ in run.records_in_order())
+        except LogError as error:
+            text = str(error).removeprefix(f"{path}: ")
+            found.add(DAMAGE, f"{inside.strip('/')}: {text}; fuse the robots' own logs again")
+            continue
+        for line in run.lost:
+            found.add(LOSS, f"{run.name}: {line}")
+        if run.recovered:
+            found.add(LOSS, f"{run.name}: recovered after a crash: its last moments are missing")
 
 
 # ---- our logs ----
