@@ -24,9 +24,10 @@ from hippomat_core.errors import HippomatError
 from hippomat_logs.cli import main
 from hippomat_logs.metrics.comparison import Trial, compare
 from hippomat_logs.metrics.figures import FIGURES, number
+from hippomat_logs.metrics.grouping import LoggedRun, by_time
 from hippomat_logs.metrics.intervals import mean_interval
 from hippomat_logs.metrics.trial_tables import latex_text
-from hippomat_logs.metrics.trials import BY_DIRECTORY, BY_TIME, LoggedRun, _by_time, find_trials
+from hippomat_logs.metrics.trials import BY_DIRECTORY, BY_TIME, find_trials
 
 KEY = "completed"
 
@@ -92,6 +93,24 @@ def test_robots_whose_clocks_are_years_apart_are_one_trial(tmp_path: Path, by: s
     assert [(one.name, one.robots) for one in found] == [("one", 2), ("two", 3)]
 
 
+def test_a_trial_with_clocks_years_apart_swallows_no_trial_in_between(tmp_path: Path) -> None:
+    for place, apart_ns in (("good", 0), ("wrong", 10**17)):
+        for robot in (0, 1):
+            wall_ns = WALL_NS + (2 * robot - 1) * apart_ns
+            ticks = [(0.0, m.Tick(0)), (50.0, m.Tick(0))]
+            write_log(tmp_path / place, robot, ticks, wall_ns=wall_ns, session=place)
+    assert [(one.name, one.robots) for one in find_trials([tmp_path]).trials] == [("good", 2), ("wrong", 2)]
+
+
+def test_runs_that_share_neither_time_nor_frames_are_doubted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for robot in (0, 1):
+        write_log(tmp_path, robot, [(0.0, m.Tick(0)), (50.0, m.Tick(0))], wall_ns=WALL_NS + robot * 10**12)
+    assert main(["metrics", str(tmp_path)]) == 0
+    assert "runs lie 950 s apart" in " ".join(capsys.readouterr().out.split())
+
+
 def test_clocks_years_apart_leave_a_choice_where_a_robot_is_there_twice(tmp_path: Path) -> None:
     for which, robot in enumerate((0, 0, 1)):
         ticks = [(0.0, m.Tick(0)), (50.0, m.Tick(0))]
@@ -122,7 +141,7 @@ def test_every_run_is_in_one_trial_and_no_robot_in_it_twice_at_a_time(
     robots: list[tuple[int, int, int]],
 ) -> None:
     given_runs = runs_at(robots)
-    groups = _by_time(given_runs, Path("/r"))
+    groups = by_time(given_runs, Path("/r"))
     assert sorted(run.paths for group in groups for run in group) == sorted(run.paths for run in given_runs)
     for group in groups:
         for robot in range(4):
@@ -131,7 +150,7 @@ def test_every_run_is_in_one_trial_and_no_robot_in_it_twice_at_a_time(
 
 
 def test_a_robot_that_restarted_is_still_in_its_trial() -> None:
-    groups = _by_time(runs_at([(0, 0, 100), (1, 0, 40), (1, 50, 50)]), Path("/r"))
+    groups = by_time(runs_at([(0, 0, 100), (1, 0, 40), (1, 50, 50)]), Path("/r"))
     assert [len(group) for group in groups] == [3]
 
 
@@ -195,6 +214,15 @@ def test_groups_with_paired_differences_as_json(runs: Path, capsys: pytest.Captu
     assert (difference["mean"], difference["low"], difference["high"], difference["n"]) == (2.0, 2.0, 2.0, 3)
     assert greedy["differences"] == {}
     assert greedy["figures"]["rssi"] == {"unit": "dBm", "n": 0, "mean": None, "low": None, "high": None}
+
+
+def test_without_pairs_there_is_no_table_of_differences(
+    runs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["metrics", str(runs), "--by", "seed", "--baseline", "1", "--markdown"]) == 0
+    out = capsys.readouterr().out
+    assert "o trial pairs with one of 1" in out
+    assert out.count("| --- |") == 1
 
 
 def test_csv_has_a_line_per_group_and_figure(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:

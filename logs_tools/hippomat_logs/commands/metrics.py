@@ -27,6 +27,7 @@ from hippomat_logs.metrics.fleet_tables import (
     truth_lines,
     truth_table,
 )
+from hippomat_logs.metrics.grouping import LoggedRun
 from hippomat_logs.metrics.robot import RobotMetrics
 from hippomat_logs.metrics.trial_tables import (
     as_csv,
@@ -36,7 +37,7 @@ from hippomat_logs.metrics.trial_tables import (
     grids,
     terminal_tables,
 )
-from hippomat_logs.metrics.trials import BY_DIRECTORY, BY_TIME, LoggedRun, TrialFiles, find_trials
+from hippomat_logs.metrics.trials import BY_DIRECTORY, BY_TIME, TrialFiles, find_trials
 from hippomat_logs.metrics.truth import against_truth
 from hippomat_logs.metrics.truth_files import read_truth
 from hippomat_logs.reader import Run
@@ -99,7 +100,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         more = f"; and so for {len(found.foreign) - 1} more" if len(found.foreign) > 1 else ""
         raise HippomatError(found.foreign[0] + more)
     for line in found.foreign:
-        errors.print(f"left out: {line}", style="yellow", markup=False)
+        errors.print(f"left out: {line}", style="yellow", markup=False, soft_wrap=True)
     as_table = options.by or options.csv or options.markdown or options.latex
     if options.truth and (as_table or len(found.trials) != 1):
         raise HippomatError(f"--truth {options.truth} goes with one trial, found {len(found.trials)}")
@@ -108,7 +109,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             raise LogError("; ".join(found.damaged))
         return _one_trial(found.trials[0], options, console)
     for line in found.damaged:
-        errors.print(f"damaged: {line}", style="red", markup=False)
+        errors.print(f"damaged: {line}", style="red", markup=False, soft_wrap=True)
     if not found.trials:
         if found.damaged:
             return DAMAGED
@@ -201,7 +202,9 @@ def _many_trials(
     ]
     for trial in read:
         if trial.error:
-            errors.print(f"left out: trial {trial.name}: {trial.error}", style="red", markup=False)
+            errors.print(
+                f"left out: trial {trial.name}: {trial.error}", style="red", markup=False, soft_wrap=True
+            )
     good = sorted(
         (trial for trial in read if not trial.error), key=lambda trial: tuple(map(_rank, trial.facts))
     )

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -168,7 +169,17 @@ def fleet_metrics(runs: Sequence[Run], robots: Sequence[RobotMetrics], clocks: C
 
     moved = [robot.moved(common_s(run)) for run, robot in zip(runs, robots, strict=True)]
     latencies = whole_latencies([(robot.robot, robot.passages) for robot in moved], common_ns)
-    return FleetMetrics(moved, runs[0].config if runs else None, clocks.text, latencies)
+    text = clocks.text + _doubt(moved)
+    return FleetMetrics(moved, runs[0].config if runs else None, text, latencies)
+
+
+def _doubt(robots: Sequence[RobotMetrics]) -> str:
+    """Where the time between runs is longer than all of them: their clocks are not one, or their trials."""
+    spans_s = sorted((one.begun_s, one.duration_s) for one in robots if not math.isnan(one.begun_s))
+    gaps_s = [late - early - length for (early, length), (late, _) in pairwise(spans_s)]
+    if max(gaps_s, default=0.0) <= sum(length for _, length in spans_s):
+        return ""
+    return f"; but runs lie {max(gaps_s):,.0f} s apart: no time between robots means anything"
 
 
 def robot_metrics(run: Run) -> RobotMetrics:

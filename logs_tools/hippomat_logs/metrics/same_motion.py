@@ -1,9 +1,10 @@
 """How the clock and the frame of a motion-capture system stand to the logs': found by the motion itself.
 
 First the speeds are correlated over every offset that leaves half of the shorter recording (a shift of frames
-does not matter to them); then the offset is refined where the ways fit best, each time with the best rigid
-transform between the frames (Umeyama 1991, without scale; all robots together). An estimate that always lags
-by the same time looks like a clock that is off by it. Knows tracks, not files.
+does not matter to them). Motion repeats itself, so the offset is refined around the best peaks, and that one
+is taken where the ways fit best, each time with the best rigid transform between the frames (Umeyama 1991,
+without scale; all robots together). An estimate that always lags by the same time looks like a clock that is
+off by it. Knows tracks, not files.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.signal import correlate, correlation_lags
+from scipy.signal import correlate, correlation_lags, find_peaks
 
 from hippomat_core.errors import HippomatError
 from hippomat_logs.metrics.truth_files import Floats, Track
@@ -23,6 +24,7 @@ STEP_S = 0.1  # of the speeds that are correlated
 SPEED_OVER_S = 0.5
 MIN_CORRELATION = 0.5
 MIN_OVERLAP = 0.5
+PEAKS, PEAK_SHARE = 5, 0.7  # how many are refined, and how high they must be beside the best
 REFINE_S = 2.0 * STEP_S
 FIT_POINTS = 2000  # of one robot, for the refinement
 MIN_SPREAD_M = 0.1  # with less motion no frame can be found
@@ -57,21 +59,30 @@ class Match:
 def match(told: Mapping[int, Track], true: Mapping[int, Track], *, fit_frame: bool) -> Match:
     """told: what robots believed, on the logs' clock. Raises HippomatError where the motion is another."""
     robots = sorted(told.keys() & true.keys())
-    coarse_s, correlation = _by_speeds({k: told[k] for k in robots}, {k: true[k] for k in robots})
+    peaks = _by_speeds({k: told[k] for k in robots}, {k: true[k] for k in robots})
+    correlation = peaks[0][1]
     if correlation < MIN_CORRELATION:
         raise HippomatError(
             f"the motion in --truth is not that in the logs (best correlation of the speeds "
             f"{correlation:.2f}, needed {MIN_CORRELATION}): is it of this run, are its robots' ids right?"
         )
 
-    def left_m(more_s: float) -> float:  # than coarse_s: the search's tolerance is relative to its argument
+    def left_m(more_s: float, coarse_s: float) -> float:  # the search's tolerance is relative to its argument
         believed, really = _pairs(told, true, robots, coarse_s + more_s)
         return _rms_m(believed, fit_rigid(really, believed)(really) if fit_frame else really)
 
-    finer = minimize_scalar(
-        left_m, bracket=None, bounds=(-REFINE_S, REFINE_S), args=(), method="bounded", options={"xatol": 1e-4}
-    )
-    offset_s = coarse_s + float(finer.x)
+    found: list[tuple[float, float, float]] = []  # what is left [m], offset [s], correlation
+    for coarse_s, correlation in peaks:
+        finer = minimize_scalar(
+            left_m,
+            bracket=None,
+            bounds=(-REFINE_S, REFINE_S),
+            args=(coarse_s,),
+            method="bounded",
+            options={"xatol": 1e-4},
+        )
+        found.append((float(finer.fun), coarse_s + float(finer.x), correlation))
+    _, offset_s, correlation = min(found)
     believed, really = _pairs(told, true, robots, offset_s)
     return Match(offset_s, correlation, fit_rigid(really, believed) if fit_frame else Rigid())
 
@@ -110,8 +121,8 @@ def _rms_m(one: Floats, other: Floats) -> float:
     return math.sqrt(float((off * off).sum(axis=1).mean())) if len(off) else math.inf
 
 
-def _by_speeds(told: Mapping[int, Track], true: Mapping[int, Track]) -> tuple[float, float]:
-    """(offset [s], correlation) where the speeds of all robots are most alike."""
+def _by_speeds(told: Mapping[int, Track], true: Mapping[int, Track]) -> list[tuple[float, float]]:
+    """(offset [s], correlation) of the best peaks, where the speeds of all robots are most alike first."""
     begun_s, ended_s = _span(told)
     true_begun_s, true_ended_s = _span(true)
     n, k = (max(2, int((b - a) / STEP_S) + 1) for a, b in ((begun_s, ended_s), (true_begun_s, true_ended_s)))
@@ -129,8 +140,10 @@ def _by_speeds(told: Mapping[int, Track], true: Mapping[int, Track]) -> tuple[fl
     enough = shared >= MIN_OVERLAP * shared.max()
     with np.errstate(invalid="ignore", divide="ignore"):
         alike = np.where(enough, both / np.sqrt(np.maximum(ours * theirs, 1e-12)), -1.0)
-    best = int(alike.argmax())
-    return float(begun_s - true_begun_s + correlation_lags(n, k)[best] * STEP_S), float(alike[best])
+    peaks, _ = find_peaks(np.pad(alike, 1, constant_values=-1.0), height=PEAK_SHARE * alike.max())
+    best = sorted((peaks - 1).tolist(), key=lambda at: -alike[at])[:PEAKS] or [int(alike.argmax())]
+    lags = correlation_lags(n, k)
+    return [(float(begun_s - true_begun_s + lags[at] * STEP_S), float(alike[at])) for at in best]
 
 
 def _span(tracks: Mapping[int, Track]) -> tuple[float, float]:

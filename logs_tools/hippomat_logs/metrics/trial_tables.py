@@ -48,10 +48,12 @@ def grids(
         ]
         for group in groups
     ]
-    made = [
-        Grid(METHOD if any(len(group.trials) > 1 for group in groups) else "one trial each", header, rows)
-    ]
-    if baseline:
+    caption = METHOD if any(len(group.trials) > 1 for group in groups) else "one trial each"
+    paired = any(group.pairs for group in groups)
+    if baseline and not paired:
+        caption += f"; no trial pairs with one of {baseline}, for a pair has {PAIRED}"
+    made = [Grid(caption, header, rows)]
+    if paired:
         rows = [
             [*group.facts, str(len(group.pairs)), *(_difference(group, f) for f in figures)]
             for group in groups

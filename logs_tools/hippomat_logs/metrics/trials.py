@@ -1,10 +1,6 @@
 """Which logs are one trial, and what its manifests say of it: found by indexes alone, whatever lies where.
 
-A trial is what one fleet did at one time: runs of one fleet id that overlap in time by at least half of the
-shorter one, and in which no robot is twice at the same time. Logs in one directory are put together first,
-so that trials that were simulated side by side stay apart. Clocks may be years off: runs of different robots
-that fit in all but their time are one trial where they leave no choice. A fused file is one trial: whoever
-fused it said so. Knows no figures.
+Knows files and manifests, no figures; grouping.py says which runs are one trial.
 """
 
 from __future__ import annotations
@@ -19,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from hippomat_core.errors import HippomatError, LogError
+from hippomat_logs.metrics.grouping import LoggedRun, by_directory, by_fused_file, by_time, span_ns
 from hippomat_logs.opened_run import OpenedRun, group_opened, log_files
-from hippomat_logs.reader import Run, open_again
 from hippomat_logs.sources import FusedSource, Source, opened_sources
 
-MIN_OVERLAP = 0.5
 BY_TIME, BY_DIRECTORY = "time", "dir"
 _CONFIG_NAMES = {
     "method": "fleet.allocator",
@@ -35,30 +30,6 @@ _CONFIG_NAMES = {
 }
 _OWN_NAMES = ("robots", "policy", "map", "dir", "trial")
 UNKNOWN = "?"
-
-
-@dataclass(frozen=True, slots=True)
-class LoggedRun:
-    """One robot's run as the indexes of its parts tell it."""
-
-    paths: tuple[Path, ...]
-    manifest: dict[str, str]
-    begun_ns: int
-    ended_ns: int
-    inside: str = ""  # of a fused file: which of its runs, as Run.inside
-
-    def open(self) -> Run:
-        """To be read, in whatever process; every checksum is checked."""
-        return open_again(self.paths, self.inside)
-
-    @property
-    def robot(self) -> int:
-        """Its id; -1: an observer."""
-        return int(self.manifest.get("robot", "-1"))
-
-    @property
-    def directory(self) -> Path:
-        return self.paths[0].parent
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,9 +96,9 @@ def find_trials(paths: Sequence[Path], by: str = BY_TIME) -> Found:
     runs = [_logged(one) for one in opened if one.manifest]
     foreign += [f"{one.sources[0].path}: not a robot's log of ours" for one in opened if not one.manifest]
     root = _root(paths)
-    fused = _by_fused_file(runs)
+    fused = by_fused_file(runs)
     own = [run for run in runs if not run.inside]
-    groups = _by_directory(own, paths) if by == BY_DIRECTORY else _by_time(own, root)
+    groups = by_directory(own, paths) if by == BY_DIRECTORY else by_time(own, root)
     return Found(_named([*groups, *fused], root), foreign, damaged)
 
 
@@ -137,7 +108,7 @@ def _named(groups: list[list[LoggedRun]], root: Path) -> list[TrialFiles]:
     By its file where it is fused.
     """
     found: list[TrialFiles] = []
-    groups.sort(key=lambda group: (_common_directory(group), _span_ns(group)))
+    groups.sort(key=lambda group: (_common_directory(group), span_ns(group)))
     places = Counter(_common_directory(group) for group in groups if not group[0].inside)
     for group in groups:
         place = _common_directory(group)
@@ -146,7 +117,7 @@ def _named(groups: list[list[LoggedRun]], root: Path) -> list[TrialFiles]:
         if group[0].inside:
             name = os.path.relpath(group[0].paths[0].resolve().with_suffix(""), root)
         elif places[place] > 1:
-            begun = datetime.fromtimestamp(_span_ns(group)[0] / 1e9, timezone.utc)
+            begun = datetime.fromtimestamp(span_ns(group)[0] / 1e9, timezone.utc)
             name += f" {begun:%Y-%m-%dT%H:%M:%SZ}"
         runs = tuple(sorted(group, key=lambda run: (run.robot, run.begun_ns)))
         found.append(TrialFiles(runs, place, root, name))
@@ -167,115 +138,6 @@ def _root(paths: Sequence[Path]) -> Path:
 
 def _common_directory(runs: Sequence[LoggedRun]) -> Path:
     return Path(os.path.commonpath([run.directory.resolve() for run in runs]))
-
-
-# ---- which runs are one trial ----
-
-
-def _by_fused_file(runs: Sequence[LoggedRun]) -> list[list[LoggedRun]]:
-    groups: dict[Path, list[LoggedRun]] = {}
-    for run in runs:
-        if run.inside:
-            groups.setdefault(run.paths[0], []).append(run)
-    return list(groups.values())
-
-
-def _by_directory(runs: Sequence[LoggedRun], paths: Sequence[Path]) -> list[list[LoggedRun]]:
-    """Every directory directly in one of `paths` is a trial, and so are the logs that lie in that itself."""
-    tops = [path.resolve() for path in paths if path.is_dir()]
-    groups: dict[Path, list[LoggedRun]] = {}
-    for run in runs:
-        place = run.directory.resolve()
-        top = max(
-            (top for top in tops if place.is_relative_to(top)), key=lambda t: len(t.parts), default=place
-        )
-        below = place.relative_to(top).parts
-        groups.setdefault(top / below[0] if below else top, []).append(run)
-    return list(groups.values())
-
-
-def _by_time(runs: Sequence[LoggedRun], root: Path) -> list[list[LoggedRun]]:
-    """From the deepest directory up: what is there is put together, and goes on to its parent."""
-    waiting: dict[Path, list[list[LoggedRun]]] = {}
-    for run in runs:
-        waiting.setdefault(run.directory.resolve(), []).append([run])
-    while waiting:
-        deepest = max(waiting, key=lambda path: len(path.parts))
-        groups = _put_together(waiting.pop(deepest))
-        if deepest == root or deepest == deepest.parent:
-            if not waiting:
-                return groups
-            waiting.setdefault(root, []).extend(groups)
-        else:
-            waiting.setdefault(deepest.parent, []).extend(groups)
-    return []
-
-
-def _put_together(groups: list[list[LoggedRun]]) -> list[list[LoggedRun]]:
-    """Longest first, each joins the group that it overlaps most, where it may."""
-    made: list[list[LoggedRun]] = []
-    for group in sorted(groups, key=lambda one: (-_length_ns(one), one[0].paths)):
-        fitting = [other for other in made if _are_one(other, group)]
-        if fitting:
-            max(fitting, key=lambda other: _overlap_ns(other, group)).extend(group)
-        else:
-            made.append(list(group))
-    return _whatever_the_time(made)
-
-
-def _whatever_the_time(groups: list[list[LoggedRun]]) -> list[list[LoggedRun]]:
-    """Groups that lack robots are put together whatever their clocks say, where that can be done in one way.
-
-    It can where no robot is there twice, the fleet's size has room for all, and they took equally long.
-    """
-    kinds: dict[str, list[list[LoggedRun]]] = {}
-    for group in groups:
-        kinds.setdefault(_kind(group[0].manifest), []).append(group)
-    made: list[list[LoggedRun]] = []
-    for kind, alike in kinds.items():
-        robots = [robot for group in alike for robot in {run.robot for run in group if run.robot >= 0}]
-        lengths_ns = [_length_ns(group) for group in alike]
-        one = kind and len(set(robots)) == len(robots) <= _fleet_size(alike[0][0].manifest)
-        if one and min(lengths_ns) >= MIN_OVERLAP * max(lengths_ns):
-            made.append([run for group in alike for run in group])
-        else:
-            made += alike
-    return made
-
-
-def _kind(manifest: dict[str, str]) -> str:
-    """Equal for the robots of one trial; empty where the manifest has no settings."""
-    if "config" not in manifest:
-        return ""
-    fleet = json.loads(manifest["config"]).get("fleet", {})
-    return json.dumps([manifest.get("fleet"), manifest.get("map_hash"), fleet], sort_keys=True)
-
-
-def _fleet_size(manifest: dict[str, str]) -> int:
-    return int(json.loads(manifest["config"]).get("fleet", {}).get("size", 0))
-
-
-def _are_one(group: Sequence[LoggedRun], other: Sequence[LoggedRun]) -> bool:
-    if group[0].manifest.get("fleet") != other[0].manifest.get("fleet"):
-        return False
-    shorter_ns = min(_length_ns(group), _length_ns(other))
-    if _overlap_ns(group, other) < max(1, MIN_OVERLAP * shorter_ns):
-        return False
-    return not any(a.robot == b.robot and _overlap_ns([a], [b]) > 0 for a in group for b in other)
-
-
-def _span_ns(group: Sequence[LoggedRun]) -> tuple[int, int]:
-    return min(run.begun_ns for run in group), max(run.ended_ns for run in group)
-
-
-def _length_ns(group: Sequence[LoggedRun]) -> int:
-    begun_ns, ended_ns = _span_ns(group)
-    return ended_ns - begun_ns
-
-
-def _overlap_ns(group: Sequence[LoggedRun], other: Sequence[LoggedRun]) -> int:
-    (begun_ns, ended_ns), (also_begun_ns, also_ended_ns) = _span_ns(group), _span_ns(other)
-    return min(ended_ns, also_ended_ns) - max(begun_ns, also_begun_ns)
 
 
 # ---- what a manifest says ----
