@@ -8,7 +8,6 @@ is in fleet/rounds.py.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -33,6 +32,7 @@ from hippomat_core.planning.distance_field import distance_at, distances_at
 from hippomat_core.planning.ground import Ground
 from hippomat_core.planning.reservations import encode_intent
 from hippomat_core.reactions import Permissions, permissions
+from hippomat_core.replaced import replace
 from hippomat_core.state import State
 from hippomat_core.wire.frames import (
     FLAG_GUARD,

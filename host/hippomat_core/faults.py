@@ -5,10 +5,9 @@ Knows the state only; ages are differences of stamps.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from hippomat_core.messages import BASE, LIDAR, RADIO, AlarmCleared, AlarmRaised, Effect
 from hippomat_core.reactions import BY_CODE
+from hippomat_core.replaced import replace
 from hippomat_core.ros.intake import base_silent, not_localized, text_for
 from hippomat_core.state import State
 

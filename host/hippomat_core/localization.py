@@ -6,8 +6,6 @@ robot is, is slam/localizer.py's affair.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +23,7 @@ from hippomat_core.messages import (
 )
 from hippomat_core.planning.ground import Ground
 from hippomat_core.reactions import BY_CODE
+from hippomat_core.replaced import replace
 from hippomat_core.slam.localizer import (
     Localizer,
     Seen,

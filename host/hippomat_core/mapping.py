@@ -7,13 +7,14 @@ made, is slam/mapper.py's affair.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.config import Config
 from hippomat_core.messages import Effect, Localized, LoopsClosed, LoopsDue, MapDrawn, ScanReceived
+from hippomat_core.replaced import replace
 from hippomat_core.slam.loop_closing import is_due
 from hippomat_core.slam.mapper import Mapper, MapperSettings, Outcome, empty_mapper
 from hippomat_core.slam.pose2 import IDENTITY, Pose, compose, inverse

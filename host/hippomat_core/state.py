@@ -5,7 +5,7 @@ Knows no port and no clock; what the state means for the next event is decided i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from hippomat_core.fleet.state import FleetState
 from hippomat_core.mapping import Charting, first_charting
 from hippomat_core.planning.field_cache import Fields
 from hippomat_core.planning.ground import Ground
+from hippomat_core.replaced import replace
 from hippomat_core.ros.feed import RosFeed
 from hippomat_core.slam.localizer import Localizer
 from hippomat_core.slam.odometry import Odometry

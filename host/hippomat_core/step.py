@@ -8,7 +8,6 @@ draws no random number: the same events give the same effects, which is what rep
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -59,6 +58,7 @@ from hippomat_core.messages import (
 from hippomat_core.planning.field_cache import Fields
 from hippomat_core.planning.ground import Ground, ground_of
 from hippomat_core.planning.map_change import path_holds
+from hippomat_core.replaced import replace
 from hippomat_core.ros.intake import laser_scan, odometry_received, ros_lost, ros_opened, transform
 from hippomat_core.slam.odometry import moved
 from hippomat_core.state import Scan, State, initial_state, merged_stop

@@ -7,7 +7,6 @@ guard.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from hippomat_core.control.follower import Drive, Motion, limited
 from hippomat_core.control.nav_state import Navigator, NavOutcome
@@ -31,6 +30,7 @@ from hippomat_core.control.recovery import (
 )
 from hippomat_core.messages import WARNING, AlarmCleared, AlarmRaised, Effect, RecoveryChanged
 from hippomat_core.planning.reservations import PeerMotion
+from hippomat_core.replaced import replace
 from hippomat_core.state import State
 
 STUCK = "stuck"

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from hippomat_core.config import Config, FleetConfig
 from hippomat_core.errors import PortError, ProtocolMismatch
-from hippomat_core.messages import BASE, LIDAR, PORT_NAMES, RADIO, RadioStatus
+from hippomat_core.messages import BASE, LIDAR, PORT_NAMES, RADIO
+from hippomat_core.wire.device_commands import hello_of
 from hippomat_core.wire.frames import PROTOCOL_VERSION
-from hippomat_core.wire.link import FLAG_OPEN, FLAG_PROVISIONED, LINK_VERSION, NO_ROBOT, Hello, HelloReply
+from hippomat_core.wire.link import FLAG_OPEN, LINK_VERSION, NO_ROBOT, Hello, HelloReply
 from hippomat_host.identify import ASK, UNKNOWN, Identity
 from hippomat_host.serial_port import present_ports
 
@@ -19,29 +20,9 @@ _CHECKS = {
 }
 
 
-def hello_of(config: Config) -> Hello:
-    """What the radio shall know of its host: who it is (255: it only listens), and its fleet's rounds."""
-    fleet = config.fleet
-    robot = config.robot.id if config.robot.id >= 0 else NO_ROBOT
-    return Hello(LINK_VERSION, robot, fleet.id, fleet.channel, round(fleet.round_s * 1000), fleet.size)
-
-
 def greeting_of(config: Config) -> Hello:
     """What a daemon says first. An observer only asks: the radio may be a robot's, and keeps its rounds."""
     return hello_of(config) if config.robot.id >= 0 else ASK
-
-
-def to_be_told(config: Config, status: RadioStatus) -> bool:
-    """The radio is not what the configuration says and a Hello may change that: it is new, or restarted."""
-    hello = hello_of(config)
-    if status.robot != NO_ROBOT and config.robot.id < 0:
-        return False  # a robot's radio that is only listened to
-    adopts = status.robot == NO_ROBOT and not status.flags & FLAG_PROVISIONED
-    identity = (
-        (hello.robot, hello.fleet, hello.channel) if adopts else (status.robot, status.fleet, status.channel)
-    )
-    wanted = (*identity, hello.round_ms, hello.slots)
-    return wanted != (status.robot, status.fleet, status.channel, status.round_ms, status.slots)
 
 
 def accept(config: Config, path: str, expected: int, identity: Identity) -> str:

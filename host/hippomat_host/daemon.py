@@ -23,7 +23,6 @@ from hippomat_core.messages import (
     ROS,
     AlarmCleared,
     AlarmRaised,
-    Drive,
     Effect,
     Event,
     LoopsDue,
@@ -31,19 +30,16 @@ from hippomat_core.messages import (
     PortLost,
     PortOpened,
     RadioStatus,
-    SendState,
-    SendTasks,
     Started,
     Tick,
 )
 from hippomat_core.step import initial_state, step
 from hippomat_core.wire import rplidar
-from hippomat_core.wire.codec import encode_body, kind_of
+from hippomat_core.wire.device_commands import command_of, hello_of, to_be_told
 from hippomat_core.wire.device_events import DeviceDecoder, decoder_for
 from hippomat_core.wire.jetbot_base import encode_velocity
-from hippomat_core.wire.link import SendBody, encode_message
+from hippomat_core.wire.link import encode_message
 from hippomat_host import happenings
-from hippomat_host.acceptance import hello_of, to_be_told
 from hippomat_host.clock import acted, now
 from hippomat_host.fleet_view import FleetView
 from hippomat_host.happenings import Happening
@@ -230,11 +226,9 @@ class Daemon:
             self._write(RADIO, encode_message(hello_of(self._config)))
 
     def _act(self, effect: Effect) -> None:
-        if isinstance(effect, SendState | SendTasks):
-            body = SendBody(kind_of(effect.frame), encode_body(effect.frame))
-            self._write(RADIO, encode_message(body))
-        elif isinstance(effect, Drive):
-            self._write(BASE, encode_velocity(effect.v_mps, effect.wz_radps))
+        command = command_of(effect)
+        if command is not None:
+            self._write(*command)
         elif isinstance(effect, LoopsDue) and self._solver is not None and self._state.charting is not None:
             self._solver.ask(self._state.charting)
         elif isinstance(effect, AlarmRaised):

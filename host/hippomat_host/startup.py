@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import shlex
 import sys
-import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -22,7 +21,7 @@ from hippomat_core.messages import BASE, LIDAR, RADIO
 from hippomat_core.slam.gtsam_solver import load_gtsam
 from hippomat_host.acceptance import accept, greeting_of
 from hippomat_host.advice import Given
-from hippomat_host.clock import adopt
+from hippomat_host.clock import adopt, wall_ns
 from hippomat_host.daemon import Daemon, NoRecording, Recording
 from hippomat_host.faults import as_error
 from hippomat_host.guard_link import GuardLink
@@ -212,7 +211,7 @@ def _recording(
             directory,
             manifest,
             config=config,
-            wall_ns=time.time_ns(),
+            wall_ns=wall_ns(),
             stamp_ns=stamp_ns,
             lossless=lossless,
             policy=policy or b"",

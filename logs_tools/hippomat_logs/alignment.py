@@ -68,6 +68,15 @@ class Alignment:
         """(n,) -> (n,), int64 ns."""
         return self.map_of(run)(np.asarray(log_times_ns, np.int64))
 
+    def in_order(self, runs: Sequence[Run]) -> list[Run]:
+        """The runs as `clocks`, `traffic` and `links` number them."""
+        return sorted(runs, key=_place)
+
+    @property
+    def maps_in_order(self) -> Iterator[ClockMap]:
+        """Of each run, in the order of `clocks`."""
+        return iter(self.maps.values())
+
     def map_of(self, run: Run) -> ClockMap:
         try:
             return self.maps[key_of_run(run)]
@@ -84,15 +93,17 @@ def align_runs(
     runs: Sequence[Run],
     *,
     reference: int | None = None,
+    trust_clocks: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Alignment:
     """Common time of `runs` by their radio traffic; one run alone is its own.
 
     reference: the robot whose log time shall be common time; None: of the first by id and start.
+    trust_clocks: leave all wall clocks as they are; how far they are off shows in the residuals.
     Raises HippomatError naming the runs that share no traffic with the reference, LogError for damaged logs.
     """
-    order = sorted(range(len(runs)), key=lambda k: _place(runs[k]))
-    runs = [runs[k] for k in order]
+    runs = sorted(runs, key=_place)
+    root = _root(runs, reference)
     if len(runs) < 2:
         return Alignment.trusting(runs)
     traffic = []
@@ -100,13 +111,12 @@ def align_runs(
         progress(run.name)
         traffic.append(traffic_of(run))
     links = links_between(traffic)
-    root = _root(runs, reference)
-    routes = _routes(len(runs), links, traffic, root)
+    routes = _trusted_routes(runs) if trust_clocks else _routes(len(runs), links, traffic, root)
     _refuse_strangers(runs, routes, root)
     maps = [_composed(routes, links, k) for k in range(len(runs))]
     clocks = [_clock(runs, traffic, links, routes, maps, k) for k in range(len(runs))]
     by_key = {key_of_run(run): map_ for run, map_ in zip(runs, maps, strict=True)}
-    return Alignment(clocks, runs[root].name, links, traffic, by_key)
+    return Alignment(clocks, "" if trust_clocks else runs[root].name, links, traffic, by_key)
 
 
 def _place(run: Run) -> tuple[int, str, str]:
@@ -152,6 +162,10 @@ def _routes(count: int, links: Sequence[Link], traffic: Sequence[Traffic], root:
                 more_ns = link.uncertainty_ns(there, traffic[there].span_ns)
                 heapq.heappush(waiting, (sum_ns + more_ns, there, here, number))
     return routes
+
+
+def _trusted_routes(runs: Sequence[Run]) -> dict[int, _Route]:
+    return {k: _Route(float("nan"), k, -1) for k in range(len(runs))}
 
 
 def _refuse_strangers(runs: Sequence[Run], routes: dict[int, _Route], root: int) -> None:
@@ -211,7 +225,9 @@ def _clock(
         if k in (link.first, link.second):
             late_ns.append(link.lateness_ns(maps[link.first], maps[link.second]))
             ends = link.first, link.second
-            unsure_ns = sum(routes[end].uncertainty_ns + traffic[end].latency_ns for end in ends)
+            unsure_ns = sum(
+                float(np.nan_to_num(routes[end].uncertainty_ns)) + traffic[end].latency_ns for end in ends
+            )
             violations += int(np.count_nonzero(late_ns[-1] < -unsure_ns))
     off_ns = np.abs(np.concatenate(late_ns)) if late_ns else np.empty(0)
     return RunClock(
@@ -222,7 +238,7 @@ def _clock(
         pairs=len(off_ns),
         residual_ns=_summary(off_ns),
         violations=violations,
-        uncertainty_ns=route.uncertainty_ns + host_ns if aligned else 0.0,
+        uncertainty_ns=route.uncertainty_ns + (host_ns if aligned else 0.0),
         through=runs[route.parent].name if aligned else "",
         boots=traffic[k].boots,
     )

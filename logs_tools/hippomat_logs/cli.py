@@ -1,6 +1,7 @@
 """hippomat-logs: look into logs, check and rescue them, cut and convert them, and say what a fleet achieved.
 
-Exit codes: 0 done, 1 tool or usage error, 3 a log is damaged or lossy. The commands are in commands/.
+Exit codes: 0 done, 1 tool or usage error, 2 conflicts: a task had two confirmed holders, 3 a log is
+damaged or lossy. The commands are in commands/.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from hippomat_logs.commands import (
     conflicts,
     convert,
     doctor,
+    explain,
     export,
+    fuse,
     info,
     make_map,
     metrics,
@@ -27,7 +30,7 @@ from hippomat_logs.commands import (
     select,
 )
 from hippomat_logs.recovery import recover
-from hippomat_logs.replay_cli import Parser
+from hippomat_logs.replay_arguments import Parser
 from hippomat_logs.report import REPRODUCED
 
 _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] = (
@@ -35,15 +38,10 @@ _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] 
     ("doctor", doctor.add_options, doctor.run, "read every byte and name every fault"),
     ("filter", select.add_filter_options, select.run_filter, "some topics, times or robots as a new log"),
     ("merge", select.add_merge_options, select.run_merge, "several logs as one"),
+    ("fuse", fuse.add_options, fuse.run, "a fleet's logs as one causal run, whatever their clocks say"),
     ("convert", convert.add_options, convert.run, "between .mcap, ROS 1 .bag and ROS 2 bags"),
     ("export", export.add_options, export.run, "topics as CSV or Parquet, trajectories for evo"),
     ("map", make_map.add_options, make_map.run, "the map of a place from the log of a robot that was there"),
-    (
-        "conflicts",
-        conflicts.add_options,
-        conflicts.run,
-        "double requests and double claims, and their causes",
-    ),
     (
         "metrics",
         metrics.add_options,
@@ -51,10 +49,17 @@ _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] 
         "tasks, travel cost, conflicts, times, links; over many trials too",
     ),
     (
+        "conflicts",
+        conflicts.add_options,
+        conflicts.run,
+        "double requests, double claims, their causes",
+    ),
+    ("explain", explain.add_options, explain.run, "why a task went to whom, why a robot decided as it did"),
+    (
         "report",
         report.add_options,
         report.run,
-        "a fleet's run as one HTML file: animated map, time bars, radio",
+        "a fleet's run as one HTML page: animated map, time bars, radio",
     ),
     ("plot", plot.add_options, plot.run, "a picture: path, speed, battery, rounds; or scans from above"),
 )
@@ -83,7 +88,8 @@ def parser() -> Parser:
     made = Parser(
         prog="hippomat-logs",
         description="Look into the logs of runs. To reproduce a run: hippomat-replay.",
-        epilog="exit codes: 0 done, 1 tool or usage error, 3 a log is damaged or lossy",
+        epilog="exit codes: 0 done, 1 tool or usage error, 2 conflicts: a task had two confirmed holders, "
+        "3 a log is damaged or lossy",
     )
     commands = made.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND")
 

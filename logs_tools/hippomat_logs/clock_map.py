@@ -10,6 +10,7 @@ bits and ten years have 59.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,17 +102,20 @@ class FittedLine:
         return self.spread_ns * (1.0 + 2.0 * beyond_ns / window_ns)
 
 
-def fit_least_late(since_ns: Floats, late_ns: Floats) -> FittedLine:
-    """The line of the comparisons that are least late, i.e. smallest. (n,) each, in any order, n >= 1."""
+def fit_least_late(since_ns: Floats, late_ns: Floats, slope: float | None = None) -> FittedLine:
+    """The line of the comparisons that are least late, i.e. smallest. (n,) each, in any order, n >= 1.
+
+    slope: of all lines, where it is known; None: each has its own.
+    """
     at, least = least_of_bins(since_ns, late_ns)
     pieces = [
         (at[part], least[part]) for part in np.array_split(np.arange(len(at)), max(1, len(at) // WINDOW_BINS))
     ]
-    lines = [_line(*piece) for piece in pieces]
+    lines = [floor_line(x, y) if slope is None else _level(x, y, slope) for x, y in pieces]
     first, last = float(at[0]), float(at[-1])
     if len(lines) == 1:
         knots = np.array([first, max(last, first + BIN_NS)])
-        extras = np.array([lines[0](knot) for knot in knots])
+        extras = lines[0](knots)
     else:
         middles = [float(times.mean()) for times, _ in pieces]
         knots = np.array([first, *middles, last])
@@ -124,6 +128,19 @@ def fit_least_late(since_ns: Floats, late_ns: Floats) -> FittedLine:
     return FittedLine(knots, extras, float(since_ns.min()), float(since_ns.max()), spread, len(at))
 
 
+def common_slope(parts: Sequence[tuple[Floats, Floats]]) -> float | None:
+    """Of comparisons in parts that are shifted against each other; None: they are too few to say."""
+    bins = [least_of_bins(*part) for part in parts]
+    bins = [one for one in bins if len(one[0]) > 1]
+    if sum(len(at) - 1 for at, _ in bins) < FEW_BINS:
+        return None
+    which = np.concatenate([np.full(len(at), k) for k, (at, _) in enumerate(bins)])
+    at = np.concatenate([at - at.mean() for at, _ in bins])
+    values = np.concatenate([values - values.min() for _, values in bins])
+    slope, _ = _floor(at / BIN_NS, values, np.eye(len(bins))[which])
+    return slope / BIN_NS
+
+
 def least_of_bins(since_ns: Floats, late_ns: Floats) -> tuple[Floats, Floats]:
     """The least late comparison of every second that has one, in order of time."""
     bins = np.floor_divide(since_ns - since_ns.min(), BIN_NS).astype(np.int64)
@@ -133,7 +150,7 @@ def least_of_bins(since_ns: Floats, late_ns: Floats) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Line:
+class Line:
     slope: float
     at: float
     value: float
@@ -142,17 +159,28 @@ class _Line:
         return np.asarray(self.value + self.slope * (x - self.at))
 
 
-def _line(at: Floats, values: Floats) -> _Line:
+def floor_line(at: Floats, values: Floats) -> Line:
     """(n,) each: the line with FLOOR of the values under it; level where they are few."""
-    middle = float(at.mean())
     if len(at) < FEW_BINS:
-        return _Line(0.0, middle, float(np.quantile(values, FLOOR)))
-    # values = value + slope * x + over - under at the least weighted sum of over and under; a linear
-    # program's variables are positive, so value and slope are differences of two
-    x, scale, n = (at - middle) / BIN_NS, max(float(np.ptp(values)), 1.0), len(at)
-    one, unit = np.ones(n), np.eye(n)
-    weights = np.concatenate([np.zeros(4), np.full(n, FLOOR), np.full(n, 1 - FLOOR)])
-    terms = np.column_stack([one, -one, x, -x, unit, -unit])
-    found = linprog(weights, A_eq=terms, b_eq=(values - values.min()) / scale).x * scale
-    value, slope = found[0] - found[1], found[2] - found[3]
-    return _Line(float(slope) / BIN_NS, middle, float(value + values.min()))
+        return _level(at, values, 0.0)
+    middle = float(at.mean())
+    slope, height = _floor((at - middle) / BIN_NS, values - values.min(), np.ones((len(at), 1)))
+    return Line(slope / BIN_NS, middle, float(height[0] + values.min()))
+
+
+def _level(at: Floats, values: Floats, slope: float) -> Line:
+    middle = float(at.mean())
+    return Line(slope, middle, float(np.quantile(values - slope * (at - middle), FLOOR)))
+
+
+def _floor(x: Floats, values: Floats, groups: Floats) -> tuple[float, Floats]:
+    """values (n,) = groups @ heights + slope * x + over - under, at the least weighted sum of over and under.
+
+    groups: (n, g), ones and zeros. A linear program; its variables are positive, so slope and heights are
+    differences of two.
+    """
+    scale, n, g = max(float(np.ptp(values)), 1.0), len(x), groups.shape[1]
+    weights = np.concatenate([np.zeros(2 * g + 2), np.full(n, FLOOR), np.full(n, 1 - FLOOR)])
+    terms = np.column_stack([x, -x, groups, -groups, np.eye(n), -np.eye(n)])
+    found = linprog(weights, A_eq=terms, b_eq=values / scale).x * scale
+    return float(found[0] - found[1]), found[2 : 2 + g] - found[2 + g : 2 + 2 * g]

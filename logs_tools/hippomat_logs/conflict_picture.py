@@ -56,7 +56,7 @@ def _draw_matrix(axes: Axes, robots: list[int], conflicts: list[Conflict]) -> No
     axes.set_yticks(range(len(robots)), [str(robot) for robot in robots])
     axes.set_xlabel("robot")
     axes.set_ylabel("robot")
-    axes.set_title(f"{len(conflicts)} conflicts: who with whom")
+    axes.set_title(f"who with whom ({len(conflicts)} in all)")
 
 
 def _draw_claims(axes: Axes, story: FleetStory, robots: list[int], conflicts: list[Conflict]) -> None:
@@ -71,6 +71,9 @@ def _draw_claims(axes: Axes, story: FleetStory, robots: list[int], conflicts: li
         axes.plot([at, at], [i, j], "o", color=COLOURS[one.cause], markersize=4, zorder=3)
     axes.set_yticks(range(len(robots)), [str(robot) for robot in robots])
     axes.set_ylim(len(robots) - 0.4, -0.6)
+    first = min((claim.requested.round for claim in story.claims), default=0)
+    last = max(told.rounds[1] + 1 for told in story.robots.values())
+    axes.set_xlim(first - 0.02 * (last - first) - 1, last + 0.02 * (last - first) + 1)
     axes.set_xlabel("allocation round")
     axes.set_ylabel("robot")
     axes.set_title("claims (light: requested, dark: confirmed) and conflicts")

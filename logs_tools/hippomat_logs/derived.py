@@ -39,9 +39,13 @@ _ODOMETRY_PATHS = (
 
 
 class DerivedTopics:
-    """Feed every record in order; keeps the last map and the integrated wheel odometry."""
+    """Feed every record in order; keeps the last map and the integrated wheel odometry.
 
-    def __init__(self, store: MessageStore, config: Config) -> None:
+    prefix: of every frame but the map's, e.g. "robot03/", where several robots are shown at once.
+    """
+
+    def __init__(self, store: MessageStore, config: Config, prefix: str = "") -> None:
+        self._prefix = prefix
         self._store = store
         self._lidar = config.lidar
         self._base_frame = config.ros.base_frame
@@ -103,7 +107,7 @@ class DerivedTopics:
         return self._new(
             DERIVED["/odom"],
             header=self._header(0, "odom"),
-            child_frame_id="base_link",
+            child_frame_id=self._frame("base_link"),
             pose=self._new("geometry_msgs/msg/PoseWithCovariance", self._at((0.0, 0.0, 0.0)), zero),
             twist=self._new("geometry_msgs/msg/TwistWithCovariance", twist, zero),
         )
@@ -160,7 +164,7 @@ class DerivedTopics:
         turn = self._new("geometry_msgs/msg/Quaternion", link.qx, link.qy, link.qz, link.qw)
         said = self._new("geometry_msgs/msg/Transform", move, turn)
         header = self._header(t, "base_link")
-        held = self._new("geometry_msgs/msg/TransformStamped", header, link.child, said)
+        held = self._new("geometry_msgs/msg/TransformStamped", header, self._frame(link.child), said)
         return self._encode("/tf_static" if link.fixed else "/tf", transforms=[held])
 
     def _path(self, path: m.PathPlanned, t: int) -> tuple[str, bytes]:
@@ -210,7 +214,10 @@ class DerivedTopics:
         return self._new("builtin_interfaces/msg/Time", t // 10**9, t % 10**9)
 
     def _header(self, t: int, frame: str) -> Any:
-        return self._new("std_msgs/msg/Header", self._time(t), frame)
+        return self._new("std_msgs/msg/Header", self._time(t), self._frame(frame))
+
+    def _frame(self, name: str) -> str:
+        return name if name == "map" else self._prefix + name
 
     def _xyz(self, x: float, y: float, z: float) -> Any:
         return self._new("geometry_msgs/msg/Vector3", x, y, z)
@@ -226,7 +233,8 @@ class DerivedTopics:
     def _transform(self, t: int, parent: str, child: str, pose: Pose, z: float = 0.0) -> Any:
         x, y, yaw = pose
         move = self._new("geometry_msgs/msg/Transform", self._xyz(x, y, z), self._turn(yaw))
-        return self._new("geometry_msgs/msg/TransformStamped", self._header(t, parent), child, move)
+        named = self._header(t, parent), self._frame(child)
+        return self._new("geometry_msgs/msg/TransformStamped", *named, move)
 
 
 def _compose(a: Pose, b: Pose) -> Pose:

@@ -10,9 +10,10 @@ import fcntl
 import os
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.errors import ConfigError, HippomatError, LogError
@@ -20,7 +21,7 @@ from hippomat_core.messages import Tick
 from hippomat_logs.column_table import table_of
 from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.manifest import config_of
-from hippomat_logs.reader import Losses, mapped, reading_store
+from hippomat_logs.reader import Losses, mapped, open_again, reading_store, runs_inside
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.recovery import lenient_contents
 from hippomat_logs.schema import CLASSES, MessageStore
@@ -33,6 +34,8 @@ STEP_NS = 1_000_000_000  # log times further apart, or backward, are a clock's s
 LATE_NS = 500_000_000  # between two ticks, which come every 50 ms
 SLOW_SYNC_MS = 100  # the recorder promises half a second with a disk that is faster
 ROWS_AT_ONCE = 20_000
+TOLD_EVERY = 1_000  # records
+Item = TypeVar("Item")
 
 
 @dataclass
@@ -56,18 +59,20 @@ class Examination:
         return all(kind == REMARK for kind, _ in self.faults)
 
 
-def examine(path: Path) -> Examination:
-    """Read every byte of a log; never raises for what is in it."""
+def examine(path: Path, told: Callable[[float], None] = lambda _share: None) -> Examination:
+    """Read every byte of a log; never raises for what is in it. told: called with the share done, 0 .. 1."""
     found = Examination(path)
     try:
         if path.name.endswith(ACTIVE):
             found.add(LOSS, _unfinished(path))
         if path.is_file() and path.stat().st_size == 0:
             found.add(LOSS, "is empty: nothing was recorded in it")
+        elif path.is_file() and runs_inside(path):
+            _examine_fused(path, found)
         elif path.is_file() and _is_ours(path):
-            _examine_ours(path, found)
+            _examine_ours(path, found, told)
         else:
-            _examine_other(open_source(path), found)
+            _examine_other(open_source(path), found, told)
     except (HippomatError, OSError) as error:
         found.add(DAMAGE, str(error).removeprefix(f"{path}: "))
     return found
@@ -88,10 +93,26 @@ def _is_ours(path: Path) -> bool:
         return b"hippomat.run" in file.read(1 << 16)
 
 
+def _examine_fused(path: Path, found: Examination) -> None:
+    """Run by run, as a replay would read them: the parts are there to recover from."""
+    for inside in runs_inside(path):
+        try:
+            run = open_again([path], inside)
+            found.records += sum(1 for _ in run.records_in_order())
+        except LogError as error:
+            text = str(error).removeprefix(f"{path}: ")
+            found.add(DAMAGE, f"{inside.strip('/')}: {text}; fuse the robots' own logs again")
+            continue
+        for line in run.lost:
+            found.add(LOSS, f"{run.name}: {line}")
+        if run.recovered:
+            found.add(LOSS, f"{run.name}: recovered after a crash: its last moments are missing")
+
+
 # ---- our logs ----
 
 
-def _examine_ours(path: Path, found: Examination) -> None:
+def _examine_ours(path: Path, found: Examination, told: Callable[[float], None]) -> None:
     store = reading_store()
     contents = lenient_contents(store)
     with mapped(path) as data:
@@ -100,10 +121,21 @@ def _examine_ours(path: Path, found: Examination) -> None:
                 check_frame(data, path.name)
             except LogError as error:
                 found.add(DAMAGE, str(error).removeprefix(f"{path.name}: "))
-        _examine_records(walk_leniently(data, contents), contents, store, found)
+        raws = _telling(walk_leniently(data, contents), lambda: contents.complete_bytes / len(data), told)
+        _examine_records(raws, contents, store, found)
     for line in contents.damage:
         found.add(DAMAGE, line)
     _examine_facts(path, contents, found)
+
+
+def _telling(
+    items: Iterator[Item], share: Callable[[], float], told: Callable[[float], None]
+) -> Iterator[Item]:
+    """The same items; says every so often how far it is."""
+    for number, item in enumerate(items):
+        if number % TOLD_EVERY == 0:
+            told(share())
+        yield item
 
 
 def _examine_records(
@@ -210,13 +242,14 @@ def _examine_settings(path: Path, contents: Contents, found: Examination) -> Non
 # ---- anybody's logs ----
 
 
-def _examine_other(source: Source, found: Examination) -> None:
+def _examine_other(source: Source, found: Examination, told: Callable[[float], None]) -> None:
     for topic, why in source.left_out.items():
         found.add(LOSS, f"channel {topic} cannot be read: {why}")
     held: dict[int, list[tuple[int, bytes]]] = {number: [] for number in source.streams}
     unreadable: set[int] = set()
     last_ns, back = 0, Counter[str]()
-    for row in source.rows():
+    total = sum(stream.count or 0 for stream in source.streams.values())
+    for row in _telling(source.rows(), lambda: found.records / max(1, total), told):
         found.records += 1
         back["log times go back"] += row.log_time_ns < last_ns
         last_ns = row.log_time_ns

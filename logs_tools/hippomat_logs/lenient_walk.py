@@ -59,7 +59,7 @@ def _damaged_chunk(data: memoryview, at: int, contents: Contents, why: str) -> I
     """The messages of a chunk at `at` whose opcode or length alone is damaged; else the damage is noted."""
     try:
         inside = inflated(data[at + 9 : at + 9 + _length_inside(data, at)], at)
-        messages = list(messages_inside(memoryview(inside), contents))
+        messages = list(messages_inside(inside, contents))
     except (LogError, struct.error, UnicodeDecodeError, KeyError):
         contents.damage.append(f"byte {at} passed over: {why}")
         return
@@ -103,7 +103,7 @@ def _salvaged(tail: memoryview, contents: Contents) -> Iterator[RawMessage]:
     try:
         _, _, compressed = chunk_head(tail[9:])
         inside = zstandard.ZstdDecompressor().decompressobj().decompress(bytes(tail[9 + compressed :]))
-        for message in messages_inside(memoryview(inside), contents):
+        for message in messages_inside(inside, contents):
             contents.unverified += 1
             yield message
     except (LogError, struct.error, zstandard.ZstdError):

@@ -9,27 +9,31 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from hippomat_core import messages as m
 from hippomat_core.config import Config
-from hippomat_core.step import initial_state, step
+from hippomat_core.step import State, step
 from hippomat_logs.reader import Record
 from hippomat_logs.report import FAILED, OK, Divergence, LevelResult
-from hippomat_logs.schema import EFFECTS, EVENTS, MessageStore, differences
+from hippomat_logs.schema import EFFECTS, EVENTS, TOPICS, MessageStore, differences
+from hippomat_logs.walk import RawMessage
 
 LOGITS_TOLERANCE = 1e-5
 FLOAT_TOLERANCE = 1e-6
 TIE_MARGIN = 1e-4
+_EVENTS, _EFFECTS = frozenset(EVENTS), frozenset(EFFECTS)
+NO_SUCH_EFFECT = "no such effect"  # recorded, where one was replayed; found at the next event
 
 
 class EffectComparison:
     """Compare effects with recorded ones, one after the other."""
 
     def __init__(self, store: MessageStore, exact: bool) -> None:
-        self._store = store
+        self.store = store
         self.exact = exact
         self.near_ties = 0
 
@@ -37,7 +41,7 @@ class EffectComparison:
         """(field, recorded, replayed) of the first difference that counts."""
         if type(recorded) is not type(replayed):
             return "effect", type(recorded).__name__, type(replayed).__name__
-        if self._store.encode(recorded) == self._store.encode(replayed):
+        if self.store.encode(recorded) == self.store.encode(replayed):
             return None
         name = type(recorded).__name__
         for path, a, b in differences(recorded, replayed):
@@ -66,15 +70,17 @@ class DecisionReplay:
     def __init__(
         self,
         config: Config,
-        policy: bytes | None,
+        state: State,
         store: MessageStore,
         exact: bool,
         started_ns: int,
         wall_offset_ns: int,
+        compared_from: int = 0,
     ) -> None:
-        self._state = initial_state(config, policy)
+        """compared_from: a record's number; effects of earlier events were not kept."""
+        self._state, self._compared_from = state, compared_from
         self._robot = config.robot.id
-        self._decides = config.robot.id >= 0 and config.slam.mode != "map"
+        self._decides = config.robot.id >= 0 and config.slam.mode != "map" and not compared_from
         self._started_ns, self._offset_ns = started_ns, wall_offset_ns
         self._compare = EffectComparison(store, exact)
         self._pending: Iterator[m.Effect] = iter(())
@@ -87,12 +93,27 @@ class DecisionReplay:
     def feed(self, record: Record) -> None:
         if self.divergence is not None or self._stopped:
             return
-        if type(record.message) in EVENTS:
+        if type(record.message) in _EVENTS:
             self._no_more(record)
             if self.divergence is None:
                 self._event(record)
-        elif type(record.message) in EFFECTS:
+        elif type(record.message) in _EFFECTS:
             self._effect(record)
+
+    def takes(self, raw: RawMessage) -> bool:
+        """Whether these are the very bytes of the effect that comes next: nobody needs to decode them."""
+        if self.divergence is not None or self._stopped:
+            return False
+        replayed = next(self._pending, None)
+        if replayed is None:
+            return False
+        kind = type(replayed)
+        if TOPICS[kind] != raw.topic or self._compare.store.encode(replayed) != raw.data:
+            self._pending = chain((replayed,), self._pending)
+            return False
+        self._effects += 1
+        self._decisions += kind is m.RoundDecided
+        return True
 
     def result(self, may_be_cut: bool) -> LevelResult:
         """may_be_cut: the log's end was lost, so effects of its last event may be missing."""
@@ -103,7 +124,7 @@ class DecisionReplay:
         status = OK if self.divergence is None and self._decisions else FAILED
         if self.divergence is None and not self._decisions:
             if self._effects and not self._decides:
-                status = OK  # an observer, or who makes a map, decides nothing; its effects were compared
+                status = OK  # an observer, who makes a map, or a clip: its effects were compared
             else:
                 detail += ": nothing was compared, which is a failure"
         return LevelResult("L2", status, self._decisions, "decisions", detail, self._notes, self.divergence)
@@ -118,7 +139,7 @@ class DecisionReplay:
             effects = ()
             found = f"{type(error).__name__}: {error}"
             self._diverge(record, type(record.message).__name__, "an event", found)
-        self._pending = iter(effects)
+        self._pending = iter(effects if record.number >= self._compared_from else ())
 
     def _effect(self, record: Record) -> None:
         replayed = next(self._pending, None)
@@ -143,7 +164,7 @@ class DecisionReplay:
         """The next event came: the one before must have no effect left."""
         left = next(self._pending, None)
         if left is not None:
-            self._diverge(record, type(left).__name__, "no such effect", dataclasses.asdict(left))
+            self._diverge(record, type(left).__name__, NO_SUCH_EFFECT, dataclasses.asdict(left))
 
     def _diverge(self, record: Record, field: str, recorded: Any, replayed: Any) -> None:
         time_s = (record.log_time_ns - self._offset_ns - self._started_ns) / 1e9

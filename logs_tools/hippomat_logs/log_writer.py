@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 from hippomat_core.errors import HippomatError
 from hippomat_logs.mcap_file import RawRow
 from hippomat_logs.mcap_writer import McapWriter
-from hippomat_logs.part import CHUNK_BYTES, facts_crc32, package_version
+from hippomat_logs.part import CHUNK_BYTES, ChannelSpec, facts_crc32, package_version
 from hippomat_logs.sink import FileSink
 from hippomat_logs.sources import Source, Stream
 
@@ -46,6 +46,19 @@ class LogWriter:
         if channel is None:
             channel = self._of[key] = self._channel(source.streams[row.channel], prefix)
         self._writer.add_message(channel, row.sequence, row.log_time_ns, row.data)
+        self.messages += 1
+        if self.messages % FLUSH_ROWS == 0:
+            self._writer.flush()
+
+    def channel(self, spec: ChannelSpec, topic: str) -> int:
+        """The number of a new channel of that kind under this topic."""
+        key = spec.type_name, spec.definition.decode()
+        if key not in self._schemas:
+            self._schemas[key] = self._writer.add_schema(spec.type_name, "ros2msg", spec.definition)
+        return self._writer.add_channel(topic, "cdr", self._schemas[key], dict(spec.metadata))
+
+    def add(self, channel: int, sequence: int, log_time_ns: int, publish_ns: int, data: bytes) -> None:
+        self._writer.add_messages(((channel, sequence & 0xFFFFFFFF, log_time_ns, publish_ns, data),))
         self.messages += 1
         if self.messages % FLUSH_ROWS == 0:
             self._writer.flush()

@@ -57,12 +57,14 @@ class Channel(NamedTuple):
 
 
 class RawRow(NamedTuple):
-    """One message. sequence: the record number, in our files."""
+    """One message. sequence: the record number, in our files. own_ns: its publish time; in a file that was
+    fused from several, the time in its own log."""
 
     channel: int
     sequence: int
     log_time_ns: int
     data: bytes
+    own_ns: int = 0
 
 
 class _Chunk(NamedTuple):
@@ -258,12 +260,12 @@ def _rows_in(
     at, unpack = start, _MESSAGE.unpack_from
     last = end - _MESSAGE.size
     while at <= last:
-        opcode, length, channel, sequence, log_time_ns, _ = unpack(data, at)
+        opcode, length, channel, sequence, log_time_ns, own_ns = unpack(data, at)
         behind = at + 9 + length
         if behind > end:
             raise LogError(f"record at byte {at} is cut short")
         if opcode == MESSAGE and channel in wanted and start_ns <= log_time_ns < end_ns:
-            yield RawRow(channel, sequence, log_time_ns, bytes(data[at + 31 : behind]))
+            yield RawRow(channel, sequence, log_time_ns, bytes(data[at + 31 : behind]), own_ns)
         elif opcode == DATA_END:
             return
         at = behind

@@ -14,9 +14,10 @@ from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.column_table import Table, table_of
 from hippomat_logs.mcap_file import RawRow
 from hippomat_logs.part import RUN_METADATA
+from hippomat_logs.reader import NAME_KEY
 from hippomat_logs.schema import LATCHED
 from hippomat_logs.sink import ACTIVE
-from hippomat_logs.sources import FOREVER, McapSource, Source, Stream, open_source
+from hippomat_logs.sources import FOREVER, FusedSource, McapSource, Source, Stream, opened_sources
 
 BATCH_ROWS = 50_000
 
@@ -57,6 +58,8 @@ class OpenedRun:
 
     @property
     def name(self) -> str:
+        if isinstance(self.sources[0], FusedSource):
+            return self.manifest.get(NAME_KEY, self.sources[0].inside.strip("/"))
         first = self.sources[0].path.name.removesuffix(".mcap")
         return first.rsplit("_", 1)[0] if self.manifest else first
 
@@ -168,7 +171,7 @@ def group_runs(paths: Path | str | Sequence[Path | str]) -> list[OpenedRun]:
     """All runs in these files and directories: our parts by robot and session, any other file alone."""
     given = [paths] if isinstance(paths, (str, Path)) else paths
     files = dict.fromkeys(file for one in given for file in log_files(Path(one)))
-    return group_opened([open_source(path) for path in files])
+    return group_opened([source for path in files for source in opened_sources(path)])
 
 
 def group_opened(opened: Iterable[Source]) -> list[OpenedRun]:
@@ -178,10 +181,13 @@ def group_opened(opened: Iterable[Source]) -> list[OpenedRun]:
         manifest = manifest_of(source)
         session = manifest.get("session_id")
         key = (manifest.get("robot", ""), session) if session else (str(source.path),)
+        if isinstance(source, FusedSource):  # whole, even where its own parts are given too
+            key = *key, str(source.path)
         groups.setdefault(key, []).append(source)
     for sources in groups.values():
         sources.sort(key=lambda source: int(manifest_of(source).get("part", "0")))
-    runs = [OpenedRun(sources) for sources in groups.values()]
+    own = {key for key in groups if len(key) == 2}
+    runs = [OpenedRun(sources) for key, sources in groups.items() if len(key) < 3 or key[:2] not in own]
     return sorted(runs, key=lambda run: (run.robot, run.span_ns, run.name))
 
 

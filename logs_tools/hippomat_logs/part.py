@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
-from hippomat_logs.mcap_writer import McapWriter
+from hippomat_logs.mcap_writer import LEVEL, McapWriter
 from hippomat_logs.schema import DERIVED, LATCHED, TOPICS, MessageStore, type_name
 from hippomat_logs.sink import Sink
 
@@ -20,6 +20,8 @@ RUN_METADATA = "hippomat.run"  # directly behind the header of every part
 POLICY_ATTACHMENT = "policy.safetensors"  # behind the manifest, where the allocator has weights
 END_METADATA = "hippomat.end"  # last of a part that was finished
 RECOVERY_METADATA = "hippomat.recovery"  # last of a part that was recovered: what it lost
+FUSED_METADATA = "hippomat.fused"  # first of a file that holds several runs: "runs" names their prefixes
+SPAN_METADATA = "hippomat.span"  # of each run in it: its first and last own log time
 CHANNELS_KEY = (
     "channels_crc32"  # of the manifest: which channels the part has, should its first chunk be lost
 )
@@ -97,9 +99,10 @@ class PartWriter:
         manifest: Mapping[str, str],
         channels: Sequence[ChannelSpec],
         attachments: Mapping[str, bytes],
+        level: int = LEVEL,
     ) -> None:
         self.sink = sink
-        self._writer = McapWriter(sink, "ros2", f"hippomat {package_version()}", CHUNK_BYTES)
+        self._writer = McapWriter(sink, "ros2", f"hippomat {package_version()}", CHUNK_BYTES, level)
         for _ in range(2):  # nothing can be read without it, so one copy may be damaged
             self._add_facts(RUN_METADATA, {**manifest, CHANNELS_KEY: channels_crc32(channels)})
         wall_ns = int(manifest.get("started_ns", "0")) + int(manifest.get("wall_offset_ns", "0"))
@@ -118,6 +121,16 @@ class PartWriter:
     def add(self, topic: str, number: int, log_time_ns: int, data: bytes) -> None:
         """`number` goes into the sequence field; a derived message carries its source's number."""
         self._writer.add_message(self._channels[topic], number & 0xFFFFFFFF, log_time_ns, data)
+
+    def add_all(self, records: Iterable[tuple[str, int, int, bytes, bool]]) -> None:
+        """The same of many: (topic, number, log time, data, anything)."""
+        channels = self._channels
+        self._writer.add_messages(
+            [
+                (channels[topic], number & 0xFFFFFFFF, log_time_ns, log_time_ns, data)
+                for topic, number, log_time_ns, data, _ in records
+            ]
+        )
 
     def flush(self) -> None:
         """Close the chunk and append it to the file, whole or not at all."""

@@ -6,7 +6,7 @@ and what cannot be kept is named by a drop record as soon as there is room again
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from hippomat_logs.part import END_METADATA, PartWriter, our_channels
@@ -86,6 +86,20 @@ class PartSeries:
             return
         self._pending.append(record)
         self._part.add(*record[:4])  # type: ignore[union-attr]  # _reopened() has made one
+
+    def add_all(self, records: Sequence[Encoded], now_s: float) -> None:
+        """Many at once cost half."""
+        if self._part is None:
+            for record in records:
+                self.add(record, now_s)
+            return
+        for record in records:
+            if not record.derived:
+                self._last_number, self._last_time_ns = record.number, record.log_time_ns
+            elif record.topic in LATCHED:
+                self._latched[record.topic] = record
+        self._pending += records
+        self._part.add_all(records)
 
     def flush(self, now_s: float) -> None:
         """Put the open chunk onto the disk; afterwards rotate if the part is large or old enough."""

@@ -23,6 +23,7 @@ CORE_POSE, DRIVE, DECIDED = (
     "/hippo/effect/round_decided",
 )
 MAP, BATTERY = "nav_msgs/msg/OccupancyGrid", "sensor_msgs/msg/BatteryState"
+PICTURES = (".png", ".pdf", ".svg")
 INCHES, DPI = (11.0, 7.0), 110
 NEVER_HEARD_MS = 65_535
 MOST_DRAWN = 300_000  # points; more only make the picture slow
@@ -30,7 +31,7 @@ MOST_DRAWN = 300_000  # points; more only make the picture slow
 
 def draw(run: OpenedRun, path: Path, topic: str = "") -> str:
     """Write the picture; what is on it, for people. topic: of a laser or a cloud: its points from above."""
-    plt = _pyplot()
+    plt = pyplot()
     if topic:
         figure, said = _draw_points(plt, run, topic)
     elif panels := _panels(run):
@@ -44,7 +45,7 @@ def draw(run: OpenedRun, path: Path, topic: str = "") -> str:
     return said
 
 
-def _pyplot() -> Any:
+def pyplot() -> Any:
     try:
         import matplotlib
     except ModuleNotFoundError:

@@ -8,18 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core import messages as m
-from hippomat_logs.clock_map import ClockMap, fit_least_late
+from hippomat_logs.clock_map import BIN_NS, ClockMap, Floats, common_slope, fit_least_late
 from hippomat_logs.column_table import NUMBER, TIME, Table, table_of
 from hippomat_logs.reader import Run
-from hippomat_logs.schema import TOPICS, type_name
+from hippomat_logs.schema import CLASSES, TOPICS, type_name
+from hippomat_logs.walk import RawMessage
 
 HEARD = (m.StateHeard, m.RelayHeard, m.TasksHeard, m.StopHeard)
 KINDS = (*HEARD, m.FrameSent, m.RadioStatus, m.RoundEnded)
+LONG_BOOT_NS = 60 * BIN_NS  # tells the drift by itself
+BATCH_ROWS = 20_000
+LEADING_BYTES = 96  # hold the fields that are read
 REBOOT_NS = 1_000_000_000  # a radio's clock that steps back by more has begun anew
 
 Keys = NDArray[np.uint64]
@@ -33,6 +38,9 @@ class Frames:
     keys: Keys  # (n,)
     numbers: Times  # (n,) of the records
     air_ns: Times  # (n,) when it was on the air, on the run's own log clock, by way of the radio's
+
+
+NOTHING = Frames(np.empty(0, np.uint64), np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,87 +63,118 @@ def key_of(sender: NDArray[np.int64], boot: NDArray[np.int64], sequence: NDArray
 def traffic_of(run: Run) -> Traffic:
     """Raises LogError for a damaged log."""
     tables = _tables(run)
-    numbers, log_ns, radio_ns = (
-        np.concatenate([_column(tables[kind], which) for kind in KINDS]) for which in range(3)
-    )
+    numbers = np.concatenate([tables[kind][NUMBER] for kind in KINDS])
     order = np.argsort(numbers, kind="stable")
-    numbers, log_ns, radio_ns = numbers[order], log_ns[order], radio_ns[order]
+    numbers = numbers[order]
+    log_ns = np.concatenate([tables[kind][TIME] for kind in KINDS])[order]
+    radio_ns = np.concatenate([_radio_ns(tables[kind]) for kind in KINDS])[order]
     if not len(numbers):
-        nothing = Frames(np.empty(0, np.uint64), np.empty(0, np.int64), np.empty(0, np.int64))
-        return Traffic(nothing, nothing, (0, 0), 0.0, 0)
+        return Traffic(NOTHING, NOTHING, (0, 0), 0.0, 0)
     begins = np.flatnonzero(np.diff(radio_ns) < -REBOOT_NS) + 1  # of the radio's boots
-    air_ns, spread_ns = np.empty(len(numbers), np.int64), 0.0
-    for part in np.split(np.arange(len(numbers)), begins):
-        air_ns[part], late_ns = _by_radio_clock(log_ns[part], radio_ns[part])
-        spread_ns = max(spread_ns, late_ns)
-    air = dict(zip(numbers.tolist(), air_ns.tolist(), strict=True))
-    sent = _sent(run, tables[m.FrameSent], tables[m.RadioStatus], numbers[begins], air)
-    heard = _heard([tables[kind] for kind in HEARD], air)
+    air_ns, spread_ns = _by_radio_clock(log_ns, radio_ns, np.split(np.arange(len(numbers)), begins))
+    sent = _sent(run, tables[m.FrameSent], tables[m.RadioStatus], numbers[begins], numbers, air_ns)
+    heard = _heard([tables[kind] for kind in HEARD], numbers, air_ns)
     return Traffic(sent, heard, (int(log_ns.min()), int(log_ns.max())), spread_ns, len(begins) + 1)
 
 
-def _by_radio_clock(log_ns: Times, radio_ns: Times) -> tuple[Times, float]:
+def _by_radio_clock(log_ns: Times, radio_ns: Times, boots: Sequence[Times]) -> tuple[Times, float]:
     """When the radio stamped each record, on the log's clock; the records were read a little later.
 
-    The least late of every second stands for no delay at all.
+    The least late of every second stands for no delay at all. boots: indices of each boot's records; a short
+    boot has the drift of all, for the crystal is the same.
     """
-    origin_ns, shift_ns = int(radio_ns[0]), int(log_ns[0] - radio_ns[0])
-    since_ns = (radio_ns - origin_ns).astype(np.float64)
-    line = fit_least_late(since_ns, (log_ns - radio_ns - shift_ns).astype(np.float64))
-    return ClockMap(origin_ns, shift_ns, line.knots_ns, line.extras_ns)(radio_ns), line.spread_ns
+    late = [_Late.of(log_ns[boot], radio_ns[boot]) for boot in boots]
+    drift = common_slope([(one.since_ns, one.late_ns) for one in late]) if len(late) > 1 else None
+    air_ns, spread_ns = np.empty(len(log_ns), np.int64), 0.0
+    for boot, one in zip(boots, late, strict=True):
+        is_short = one.since_ns[-1] < LONG_BOOT_NS
+        line = fit_least_late(one.since_ns, one.late_ns, drift if is_short else None)
+        map_ = ClockMap(one.origin_ns, one.shift_ns, line.knots_ns, line.extras_ns)
+        air_ns[boot] = map_(radio_ns[boot])
+        spread_ns = max(spread_ns, line.uncertainty_ns(0.0))
+    return air_ns, spread_ns
 
 
-def _tables(run: Run) -> dict[type, Table]:
-    """The leading fields of every radio record; none of them varies in length."""
-    leading = {kind: 5 if kind in HEARD else 7 for kind in KINDS}
-    rows: dict[str, tuple[list[int], list[int], list[bytes]]] = {TOPICS[kind]: ([], [], []) for kind in KINDS}
+@dataclass(frozen=True, slots=True)
+class _Late:
+    """log = radio + shift_ns + late_ns, of one boot."""
+
+    origin_ns: int
+    shift_ns: int
+    since_ns: Floats  # (n,) radio - origin_ns
+    late_ns: Floats  # (n,)
+
+    @classmethod
+    def of(cls, log_ns: Times, radio_ns: Times) -> _Late:
+        origin_ns, shift_ns = int(radio_ns[0]), int(log_ns[0] - radio_ns[0])
+        since_ns = (radio_ns - origin_ns).astype(np.float64)
+        return cls(origin_ns, shift_ns, since_ns, (log_ns - radio_ns - shift_ns).astype(np.float64))
+
+
+def _tables(run: Run) -> dict[type, dict[str, NDArray[Any]]]:
+    """The leading fields of every radio record, as columns; none of them varies in length."""
+    batches: dict[str, list[Table]] = {TOPICS[kind]: [] for kind in KINDS}
+    rows: dict[str, list[RawMessage]] = {topic: [] for topic in batches}
     for raw in run.raw_messages(rows):
-        times, numbers, payloads = rows[raw.topic]
-        times.append(raw.log_time_ns)
-        numbers.append(raw.number)
-        payloads.append(raw.data[:96])
-    return {
-        kind: table_of(TOPICS[kind], run.store.fields(type_name(kind))[: leading[kind]], *rows[TOPICS[kind]])
-        for kind in KINDS
-    }
+        rows[raw.topic].append(raw)
+        if len(rows[raw.topic]) == BATCH_ROWS:
+            batches[raw.topic].append(_table(run, raw.topic, rows[raw.topic]))
+            rows[raw.topic].clear()
+    for topic, batch in batches.items():
+        batch.append(_table(run, topic, rows[topic]))
+    return {CLASSES[topic]: _joined(batch) for topic, batch in batches.items()}
 
 
-def _column(table: Table, which: int) -> Times:
-    """Record numbers, log times, radio times [ns]."""
-    if which == 2:
-        name = "radio_time_us" if "radio_time_us" in table.columns else "uptime_us"
-        return table[name].astype(np.int64) * 1000 if len(table) else np.empty(0, np.int64)
-    return table[(NUMBER, TIME)[which]]
+def _table(run: Run, topic: str, rows: Sequence[RawMessage]) -> Table:
+    kind = CLASSES[topic]
+    fields = run.store.fields(type_name(kind))[: 5 if kind in HEARD else 7]
+    data = [raw.data[:LEADING_BYTES] for raw in rows]
+    return table_of(topic, fields, [raw.log_time_ns for raw in rows], [raw.number for raw in rows], data)
 
 
-def _heard(tables: Sequence[Table], air: dict[int, int]) -> Frames:
-    tables = [table for table in tables if len(table)]
+def _joined(batch: Sequence[Table]) -> dict[str, NDArray[Any]]:
+    filled = [one for one in batch if len(one)] or batch[:1]
+    return {name: np.concatenate([one[name] for one in filled]) for name in filled[0].columns}
+
+
+def _radio_ns(table: dict[str, NDArray[Any]]) -> Times:
+    name = "radio_time_us" if "radio_time_us" in table else "uptime_us"
+    return table[name].astype(np.int64) * 1000 if name in table else np.empty(0, np.int64)
+
+
+def _heard(tables: Sequence[dict[str, NDArray[Any]]], numbers: Times, air_ns: Times) -> Frames:
+    tables = [table for table in tables if len(table[NUMBER])]
     if not tables:
-        return Frames(np.empty(0, np.uint64), np.empty(0, np.int64), np.empty(0, np.int64))
+        return NOTHING
 
     def all_of(name: str) -> NDArray[np.int64]:
         return np.concatenate([table[name].astype(np.int64) for table in tables])
 
-    numbers = all_of(NUMBER)
     keys = key_of(all_of("header.sender"), all_of("header.boot"), all_of("header.sequence"))
-    return Frames(keys, numbers, np.array([air[number] for number in numbers.tolist()], np.int64))
+    heard = all_of(NUMBER)
+    return Frames(keys, heard, air_ns[np.searchsorted(numbers, heard)])
 
 
-def _sent(run: Run, table: Table, status: Table, reboots: Times, air: dict[int, int]) -> Frames:
+def _sent(
+    run: Run,
+    table: dict[str, NDArray[Any]],
+    status: dict[str, NDArray[Any]],
+    reboots: Times,
+    numbers: Times,
+    air_ns: Times,
+) -> Frames:
     """Frames that went out, of boots whose counter the radio's status told.
 
     A frame's record does not say its boot: that ends where the radio's clock or its sequence begins anew.
     """
-    if not len(table) or not len(status):
-        return Frames(np.empty(0, np.uint64), np.empty(0, np.int64), np.empty(0, np.int64))
-    numbers, sequence = table[NUMBER], table["sequence"].astype(np.int64)
-    clocks = np.searchsorted(reboots, numbers, "right")
-    restarts = numbers[1:][(np.diff(sequence) < 0) & (np.diff(clocks) == 0)]
+    if not len(table[NUMBER]) or not len(status[NUMBER]):
+        return NOTHING
+    sent, sequence = table[NUMBER], table["sequence"].astype(np.int64)
+    clocks = np.searchsorted(reboots, sent, "right")
+    restarts = sent[1:][(np.diff(sequence) < 0) & (np.diff(clocks) == 0)]
     edges = np.unique(np.concatenate([reboots, restarts]))
-    of_frame, of_status = (
-        np.searchsorted(edges, numbers, "right"),
-        np.searchsorted(edges, status[NUMBER], "right"),
-    )
+    of_frame = np.searchsorted(edges, sent, "right")
+    of_status = np.searchsorted(edges, status[NUMBER], "right")
     boots, senders = np.full(len(edges) + 1, -1), np.full(len(edges) + 1, run.robot)
     for which in np.unique(of_status):
         told = np.flatnonzero(of_status == which)[0]
@@ -143,5 +182,5 @@ def _sent(run: Run, table: Table, status: Table, reboots: Times, air: dict[int, 
     keep = table["sent"] & (boots[of_frame] >= 0) & (senders[of_frame] >= 0)
     keys = key_of(senders[of_frame][keep], boots[of_frame][keep], sequence[keep])
     order = np.argsort(keys, kind="stable")
-    numbers = numbers[keep][order]
-    return Frames(keys[order], numbers, np.array([air[number] for number in numbers.tolist()], np.int64))
+    sent = sent[keep][order]
+    return Frames(keys[order], sent, air_ns[np.searchsorted(numbers, sent)])

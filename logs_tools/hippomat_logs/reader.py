@@ -23,7 +23,19 @@ from hippomat_logs.manifest import config_of
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.schema import CLASSES, DERIVED, TOPICS, MessageStore
 from hippomat_logs.sink import ACTIVE
-from hippomat_logs.walk import Contents, RawMessage, walk_strictly
+from hippomat_logs.walk import (
+    Contents,
+    Inside,
+    RawMessage,
+    counted_inside,
+    fused_runs,
+    walk_strictly,
+)
+
+DROPPED = TOPICS[DropRecord]
+NAME_KEY = "name"  # in the manifest of a run in a fused file: what its own files were called
+CLIP_KEY = "clip"  # of the manifest: what the run was cut out of, and why
+COMPARED_FROM_KEY = "compared_from"  # a clip's first record whose effects were kept
 
 
 class Record(NamedTuple):
@@ -53,13 +65,13 @@ def mapped(path: Path) -> Iterator[memoryview]:
                 map_.close()
 
 
-def read_raw(path: Path, contents: Contents) -> Iterator[RawMessage]:
-    """Messages of one finished part as bytes, strictly checked."""
+def read_raw(path: Path, contents: Contents, inside: Inside | None = None) -> Iterator[RawMessage]:
+    """Messages of one finished part as bytes, strictly checked. inside: see walk_strictly."""
     if path.name.endswith(ACTIVE):
         raise LogError(f"{path}: still being recorded, or its daemon died: `hippomat-logs recover {path}`")
     with mapped(path) as data:
         try:
-            yield from walk_strictly(data, str(path), contents)
+            yield from walk_strictly(data, str(path), contents, inside)
         except LogError as error:
             raise error if str(path) in str(error) else LogError(f"{path}: {error}") from None
 
@@ -80,10 +92,13 @@ class Run:
     lost: list[str] = field(default_factory=list)  # one line per explained loss
     records: int = 0
     recovered: bool = False  # its end is missing
+    inside: str = ""  # of a fused file: the prefix of this run's topics
     store: MessageStore = field(default_factory=reading_store)
 
     @property
     def name(self) -> str:
+        if self.inside:
+            return self.manifest.get(NAME_KEY, self.inside.strip("/"))
         return (
             self.paths[0].name.removesuffix(".mcap").rsplit("_", 1)[0]
             if self.manifest
@@ -93,6 +108,16 @@ class Run:
     @property
     def robot(self) -> int:
         return int(self.manifest.get("robot", "-1"))
+
+    @property
+    def clip(self) -> str:
+        """What this log was cut out of to show a divergence; empty: it is a whole run."""
+        return self.manifest.get(CLIP_KEY, "")
+
+    @property
+    def compared_from(self) -> int:
+        """The first record whose effects are in the log: all but a clip have them from 0 on."""
+        return int(self.manifest.get(COMPARED_FROM_KEY, "0"))
 
     @property
     def config(self) -> Config:
@@ -112,43 +137,45 @@ class Run:
 
         kinds: give out (and decode) only records of these classes; a checked log is read faster that way.
         """
-        wanted = {TOPICS[kind] for kind in (*kinds, DropRecord)} if kinds else CLASSES
+        wanted = {TOPICS[kind] for kind in kinds} if kinds else CLASSES
+        for path, raw in self.raw_in_order():
+            if raw.topic in wanted:
+                yield self.decoded(path, raw)
+
+    def raw_in_order(self) -> Iterator[tuple[Path, RawMessage]]:
+        """The same before anything is decoded, with the part that holds it."""
         self.records, expected = 0, 1
         self.lost, losses = [], Losses()
         for index, path in enumerate(self.paths):
-            contents = Contents()
+            contents = Contents(inside=self.inside)
             for raw in read_raw(path, contents):
-                if raw.topic in DERIVED:
+                number, topic = raw.number, raw.topic
+                if topic in DERIVED:
                     continue
-                if raw.topic not in wanted and raw.topic in CLASSES and raw.number == expected:
-                    expected += 1
-                    self.records += 1
-                    continue
-                record = self.decoded(path, raw)
-                first = record.message.first if isinstance(record.message, DropRecord) else raw.number
+                drop = self.decoded(path, raw).message if topic == DROPPED else None
+                first = drop.first if drop else number
+                if topic not in CLASSES:
+                    class_of(path, raw)  # raises
                 if first != expected:
                     raise LogError(f"{path}: record {expected} is missing: {_gap(expected, first)}")
-                if isinstance(record.message, DropRecord):
-                    losses.add(record.message)
+                if drop:
+                    losses.add(drop)
                     self.lost = losses.lines()
-                expected = raw.number + 1
+                expected = number + 1
                 self.records += 1
-                if not kinds or type(record.message) in kinds:
-                    yield record
+                yield path, raw
             self._check_end(path, contents, expected, index == len(self.paths) - 1)
 
     def raw_messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
         """Messages on these topics as bytes, checksums checked; whether all are there is not."""
         for path in self.paths:
-            for raw in read_raw(path, Contents()):
+            for raw in read_raw(path, Contents(inside=self.inside)):
                 if raw.topic in topics:
                     yield raw
 
     def decoded(self, path: Path, raw: RawMessage) -> Record:
         """One message as a value; raises LogError where it does not decode or its bytes have changed."""
-        kind = CLASSES.get(raw.topic)
-        if kind is None:
-            raise LogError(f"{path}: record {raw.number} is on {raw.topic}, which this version does not know")
+        kind = CLASSES.get(raw.topic) or class_of(path, raw)
         try:
             message = self.store.decode(kind, raw.data)
         except Exception as error:
@@ -170,6 +197,14 @@ class Run:
             raise LogError(f"{path}: ends at record {expected - 1}, but record {last} was written")
         if is_last and not final:
             raise LogError(f"{path}: is not the last part of its run: give the later parts too")
+
+
+def class_of(path: Path, raw: RawMessage) -> type:
+    """What a numbered record is; LogError for a topic of another version."""
+    kind = CLASSES.get(raw.topic)
+    if kind is None:
+        raise LogError(f"{path}: record {raw.number} is on {raw.topic}, which this version does not know")
+    return kind
 
 
 class Losses:
@@ -201,22 +236,49 @@ def _gap(expected: int, found: int) -> str:
 
 
 def open_runs(paths: Sequence[Path]) -> list[Run]:
-    """Group files into runs (one per robot and session), parts in order."""
-    groups: dict[tuple[str, str], list[tuple[int, Path, Contents, int]]] = {}
+    """Group files into runs (one per robot and session), parts in order.
+
+    A run that is there both as its own files and in a fused one is given once, as its own files.
+    """
+    return _opened([(path, inside) for path in _expanded(paths) for inside in runs_inside(path) or ("",)])
+
+
+def open_again(paths: Sequence[Path], inside: str) -> Run:
+    """The one run that Run.paths and Run.inside name, e.g. in another process."""
+    (run,) = _opened([(path, inside) for path in paths])
+    return run
+
+
+def _opened(places: Sequence[tuple[Path, str]]) -> list[Run]:
+    """The runs at these places: files, and which run inside a fused one."""
+    groups: dict[tuple[str, str, str], list[tuple[int, Path, Contents, int]]] = {}
     store = reading_store()
-    for path in dict.fromkeys(_expanded(paths)):
-        contents, messages = read_contents(path, store)
+    for path, inside in dict.fromkeys(places):
+        contents, messages = read_contents(path, store, inside)
         manifest = contents.manifest
-        key = manifest.get("robot", ""), manifest.get("session_id", "")
+        whole = str(path) if inside else ""  # a run in a fused file has no further parts
+        key = manifest.get("robot", ""), manifest.get("session_id", ""), whole
         groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, contents, messages))
     runs = []
-    for parts in groups.values():
+    known: set[tuple[str, ...]] = set()
+    for key in sorted(groups, key=lambda one: bool(one[2])):  # own files first
+        if key[2] and key[:2] in known:
+            continue
+        known.add(key[:2])
+        parts = groups[key]
         parts.sort(key=lambda part: part[0])
         total, first = sum(messages for *_, messages in parts), parts[0][2]
         paths_in_order = tuple(path for _, path, *_ in parts)
         policy = next((contents.policy for *_, contents, _ in parts if contents.policy), b"")
-        runs.append(Run(paths_in_order, first.manifest, policy, records=total, store=store))
+        run = Run(paths_in_order, first.manifest, policy, records=total, store=store, inside=first.inside)
+        runs.append(run)
     return sorted(runs, key=lambda run: (run.robot, run.manifest.get("started_ns", "")))
+
+
+def runs_inside(path: Path) -> tuple[str, ...]:
+    """The prefixes of the runs in a fused file; none in any other."""
+    with mapped(path) as data:
+        return fused_runs(data)
 
 
 def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
@@ -232,13 +294,18 @@ def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
             yield path
 
 
-def read_contents(path: Path, store: MessageStore) -> tuple[Contents, int]:
+def read_contents(path: Path, store: MessageStore, inside: str = "") -> tuple[Contents, int]:
     """What a part holds beside its records, and how many those are.
 
     After a check of all its bytes, of its message definitions, and that the policy is the manifest's.
     """
-    contents = Contents()
-    records = sum(raw.topic in CLASSES for raw in read_raw(path, contents))
+    contents = Contents(inside=inside)
+    for _ in read_raw(path, contents, counted_inside):
+        pass
+    channels = contents.channels
+    records = sum(
+        n for key, n in contents.counts.items() if key in channels and channels[key].topic in CLASSES
+    )
     if selection := contents.manifest.get("selection"):
         raise LogError(f"{path}: is a selection of a run ({selection}): this needs the whole run")
     for channel in contents.channels.values():

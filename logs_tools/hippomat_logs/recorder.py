@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hippomat_core.config import Config
-from hippomat_core.messages import Effect, Event
+from hippomat_core.messages import LIDAR, Effect, Event
 from hippomat_logs.derived import DerivedTopics
 from hippomat_logs.disk_space import NO_BULK, NO_VIEWS, DiskWatch, FreeBytes, check_forecast, free_bytes
 from hippomat_logs.part import POLICY_ATTACHMENT
@@ -32,7 +32,7 @@ from hippomat_logs.sink import SinkOpener, file_sinks
 SYNC_S = 0.35  # a plug that is pulled costs so much and one sync: 0.5 s on a disk that takes 0.15 s for it
 LOSSLESS_WAKE_S = 0.01  # somebody may be waiting for room in the queue; otherwise the writer wakes to sync
 QUEUE_RECORDS = 8192
-BATCH_RECORDS = 20  # encoded in one go: the control loop's thread must not wait long for the interpreter
+BATCH_RECORDS = 40  # encoded in one go: the control loop's thread must not wait long for the interpreter
 YIELD_S = 1e-4
 _FULL = "queue full: the disk was too slow"
 _FILLING = "queue half full: bulk was shed"
@@ -51,7 +51,7 @@ class RecorderStatus:
 
 
 class _Moved(NamedTuple):
-    """Serial bytes on their way to the writer's thread, which makes a record of them."""
+    """A SerialRecord whose checksum is taken in the writer's thread."""
 
     stamp_ns: int
     port: int
@@ -59,9 +59,9 @@ class _Moved(NamedTuple):
     phase: int
     data: bytes
 
-    def record(self) -> SerialRecord:
-        stamp_ns, port, direction, phase, data = self
-        return SerialRecord(stamp_ns, port, direction, phase, zlib.crc32(data), data)
+    @property
+    def crc32(self) -> int:
+        return zlib.crc32(self.data)
 
 
 class Recorder:
@@ -100,9 +100,11 @@ class Recorder:
         self._store = MessageStore()
         self._store.warm_up()
         self._encoders = self._store.encoders()
+        self._encoders[_Moved] = self._encoders[SerialRecord]  # has the same attributes
         self._derived = DerivedTopics(self._store, config)
         self._drawn = self._derived.kinds
         self._next = 1
+        self._last_ns = wall_ns  # log time of the last record: of a drop record too, whatever the clock does
         self._queue: deque[tuple[int, int, Any]] = deque()
         self._limit, self._half = queue_records, queue_records // 2
         self._lossless = lossless
@@ -110,6 +112,7 @@ class Recorder:
         self._dropped = 0
         self._shed_queue = self._shed_disk = 0  # each counted by one thread
         self._gap: DropRecord | None = None  # what the writer sheds just now
+        self._ready: list[Encoded] = []  # a batch on its way to the file
         self._level = self._disk.level()
         self._worst_sync_s = 0.0
         self._fault = ""
@@ -165,7 +168,8 @@ class Recorder:
             if not self._takes(number, record):
                 return
             self._end_drop(number)
-        self._queue.append((number, stamp_ns + self._offset_ns, record))
+        self._last_ns = stamp_ns + self._offset_ns
+        self._queue.append((number, self._last_ns, record))
 
     def _takes(self, number: int, record: Any) -> bool:
         """Is there room in a queue that is half full or more? If not, the record is counted."""
@@ -177,7 +181,7 @@ class Recorder:
             self._dropped += 1
             self._drop(number, _FULL)
             return False
-        elif waiting >= self._half and is_bulk(record.record() if type(record) is _Moved else record):
+        elif waiting >= self._half and _may_go(record):
             self._shed_queue += 1
             self._drop(number, _FILLING)
             return False
@@ -193,7 +197,7 @@ class Recorder:
         """Put the drop record of what found no room before number `before`."""
         if self._dropping is not None:
             (first, cause), self._dropping = self._dropping, None
-            self._queue.append((before - 1, time.time_ns(), DropRecord(first, before - 1, cause)))
+            self._queue.append((before - 1, self._last_ns, DropRecord(first, before - 1, cause)))
 
     # ---- writer's thread ----
 
@@ -218,7 +222,8 @@ class Recorder:
                 due_s = now_s + SYNC_S
             if closing and not self._queue:
                 break
-        self._end_gap(time.time_ns(), time.monotonic())
+        self._end_gap(self._last_ns)
+        self._hand_on(time.monotonic())
         shed = self._shed_queue + self._shed_disk
         self._series.close(
             time.monotonic(), {"worst_sync_ms": f"{1e3 * self._worst_sync_s:.0f}", "shed": str(shed)}
@@ -228,39 +233,42 @@ class Recorder:
         """What was there when it began: a queue that fills faster must not keep the rest from the disk."""
         waiting = len(self._queue)
         while waiting > 0:
-            now_s = time.monotonic()
             for _ in range(min(BATCH_RECORDS, waiting)):
-                self._write(*self._queue.popleft(), now_s)
+                self._write(*self._queue.popleft())
+            self._hand_on(time.monotonic())
             waiting -= BATCH_RECORDS
             if not self._lossless and not self._closing.is_set():
                 time.sleep(YIELD_S)
 
-    def _write(self, number: int, log_time_ns: int, record: Any, now_s: float) -> None:
-        if type(record) is _Moved:
-            record = record.record()
-        if self._level >= NO_BULK and is_bulk(record):
+    def _write(self, number: int, log_time_ns: int, record: Any) -> None:
+        """One record as bytes, with the views of it, for _hand_on."""
+        if self._level >= NO_BULK and _may_go(record):
             self._shed_disk += 1
             self._gap = DropRecord(self._gap.first if self._gap else number, number, _LOW)
             return
         if self._gap is not None:
-            self._end_gap(log_time_ns, now_s)
+            self._end_gap(log_time_ns)
+        kind = type(record)
         try:
-            topic, encode = self._encoders[type(record)]
-            encoded = Encoded(topic, number, log_time_ns, encode(record))
+            topic, encode = self._encoders[kind]
+            self._ready.append(Encoded(topic, number, log_time_ns, encode(record)))
         except Exception as error:  # a wrong value must cost that record, not the run
-            encoded = self._lost_for(number, log_time_ns, record, error)
-        self._series.add(encoded, now_s)
-        hurried = not self._lossless and len(self._queue) > self._limit // 4
-        if type(record) in self._drawn and self._level < NO_VIEWS and not hurried:  # views are shed first
+            self._ready.append(self._lost_for(number, log_time_ns, record, error))
+        if kind in self._drawn and self._level < NO_VIEWS and not self._hurried():  # views are shed first
             for view, data in self._views(record, log_time_ns):
-                self._series.add(Encoded(view, number, log_time_ns, data, derived=True), now_s)
+                self._ready.append(Encoded(view, number, log_time_ns, data, derived=True))
 
-    def _end_gap(self, log_time_ns: int, now_s: float) -> None:
+    def _hurried(self) -> bool:
+        return not self._lossless and len(self._queue) > self._limit // 4
+
+    def _hand_on(self, now_s: float) -> None:
+        self._series.add_all(self._ready, now_s)
+        self._ready.clear()
+
+    def _end_gap(self, log_time_ns: int) -> None:
         if self._gap is not None:
             gap, self._gap = self._gap, None
-            self._series.add(
-                Encoded(TOPICS[DropRecord], gap.last, log_time_ns, self._store.encode(gap)), now_s
-            )
+            self._ready.append(Encoded(TOPICS[DropRecord], gap.last, log_time_ns, self._store.encode(gap)))
 
     def _views(self, record: Any, log_time_ns: int) -> Iterable[tuple[str, bytes]]:
         try:
@@ -275,6 +283,11 @@ class Recorder:
         self._dropped += 1
         data = self._store.encode(DropRecord(number, number, cause))
         return Encoded(TOPICS[DropRecord], number, log_time_ns, data)
+
+
+def _may_go(record: Any) -> bool:
+    """Is it bulk?"""
+    return record.port == LIDAR if type(record) is _Moved else is_bulk(record)
 
 
 def log_name(manifest: Mapping[str, str], wall_ns: int) -> str:

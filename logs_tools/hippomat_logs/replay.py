@@ -6,12 +6,16 @@ where one is installed. Knows logs, not terminals.
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
+from hippomat_core.step import initial_state
 from hippomat_logs.level1 import ByteCheck
 from hippomat_logs.level2 import DecisionReplay
 from hippomat_logs.level3 import check_motion
@@ -19,16 +23,21 @@ from hippomat_logs.lockstep import replay_in_daemon
 from hippomat_logs.manifest import core_hash, fingerprint
 from hippomat_logs.reader import Run
 from hippomat_logs.report import FAULT, LOSSY, NOT_RUN, OK, LevelResult, RunReport
+from hippomat_logs.schema import EFFECTS, EVENTS, TOPICS
 
 LEVELS = ("L0", "L1", "L2", "daemon", "L3")
 Progress = Callable[[str, int], None]  # (level, records done)
 PROGRESS_STEP = 1000
+_NO_BYTES = "a clip keeps the events that matter, no bytes and no drive"
+EFFECT_TOPICS = frozenset(TOPICS[kind] for kind in EFFECTS)
+FED_TOPICS = EFFECT_TOPICS | {TOPICS[kind] for kind in EVENTS}
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
     levels: tuple[str, ...] = LEVELS
     strict: bool = False
+    plots: Path | None = None  # a directory for pictures of L3
 
 
 def replay_run(run: Run, options: ReplayOptions, progress: Progress = lambda *_: None) -> RunReport:
@@ -43,10 +52,22 @@ def replay_run(run: Run, options: ReplayOptions, progress: Progress = lambda *_:
         return report
     except HippomatError as error:
         report.results.append(LevelResult("L2", FAULT, detail=str(error)))
-    whole = _offline_levels(run, options, decisions, report, progress)
+    with _rare_collections():
+        whole = _offline_levels(run, options, decisions, report, progress)
     if whole:
         _live_levels(run, options, report, progress)
     return report
+
+
+@contextmanager
+def _rare_collections() -> Iterator[None]:
+    """The core makes values, which have no cycles: looking for some costs an eighth of a replay."""
+    before = gc.get_threshold()
+    gc.set_threshold(200_000, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 def _offline_levels(
@@ -54,17 +75,20 @@ def _offline_levels(
 ) -> bool:
     """L0, L1 and L2 in one pass; True if the log was whole."""
     started_ns = int(run.manifest.get("started_ns", "0"))
-    bytes_check = (
-        ByteCheck(run.robot, run.store, started_ns, run.wall_offset_ns) if "L1" in options.levels else None
-    )
+    bytes_check = None
+    if "L1" in options.levels and not run.clip:
+        bytes_check = ByteCheck(run.robot, run.store, started_ns, run.wall_offset_ns)
     try:
-        for record in run.records_in_order():
-            if bytes_check is not None:
-                bytes_check.feed(record)
-            if decisions is not None:
-                decisions.feed(record)
+        for path, raw in run.raw_in_order():
             if run.records % PROGRESS_STEP == 0:
                 progress("L0-L2", run.records)
+            if decisions is not None and raw.topic in EFFECT_TOPICS and decisions.takes(raw):
+                continue
+            record = run.decoded(path, raw)
+            if bytes_check is not None:
+                bytes_check.feed(record)
+            if decisions is not None and raw.topic in FED_TOPICS:
+                decisions.feed(record)
     except LogError as error:
         report.results.append(LevelResult("L0", LOSSY, run.records, "records", str(error)))
         return False
@@ -76,10 +100,13 @@ def _offline_levels(
         report.results.append(result)
         return False
     notes = ["recovered after a crash: the last moments are missing"] if run.recovered else []
+    notes += [f"a clip of {run.clip}"] if run.clip else []
     detail = f"{len(run.paths)} file{'s' * (len(run.paths) > 1)}, checksums and record numbers whole"
     report.results.insert(0, LevelResult("L0", OK, run.records, "records", detail, notes))
     if bytes_check is not None:
         report.results.append(bytes_check.result(run.recovered))
+    elif "L1" in options.levels:
+        report.results.append(LevelResult("L1", NOT_RUN, detail=_NO_BYTES))
     if decisions is not None:
         report.results.append(_with_reason(run, decisions.result(run.recovered)))
     return True
@@ -92,10 +119,14 @@ def _with_reason(run: Run, result: LevelResult) -> LevelResult:
 
 
 def _live_levels(run: Run, options: ReplayOptions, report: RunReport, progress: Progress) -> None:
+    if run.clip:
+        live = [level for level in ("daemon", "L3") if level in options.levels]
+        report.results += [LevelResult(level, NOT_RUN, detail=_NO_BYTES) for level in live]
+        return
     if "daemon" in options.levels:
         report.results.append(_guarded("daemon", lambda: _in_daemon(run, progress)))
     if "L3" in options.levels:
-        report.results.append(_guarded("L3", lambda: check_motion(run, options.strict)))
+        report.results.append(_guarded("L3", lambda: check_motion(run, options.strict, options.plots)))
 
 
 def _in_daemon(run: Run, progress: Progress) -> LevelResult:
@@ -114,7 +145,9 @@ def _guarded(level: str, check: Callable[[], LevelResult]) -> LevelResult:
 def _decision_replay(run: Run) -> DecisionReplay:
     started_ns = int(run.manifest.get("started_ns", "0"))
     exact = same_fingerprint(run)
-    return DecisionReplay(run.config, run.policy or None, run.store, exact, started_ns, run.wall_offset_ns)
+    config, state = run.config, initial_state(run.config, run.policy or None)
+    offset_ns, compared_from = run.wall_offset_ns, run.compared_from
+    return DecisionReplay(config, state, run.store, exact, started_ns, offset_ns, compared_from)
 
 
 def same_fingerprint(run: Run) -> bool:

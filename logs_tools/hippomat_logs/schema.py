@@ -1,7 +1,7 @@
 """ROS 2 message definitions of everything we record, derived from the annotations of its dataclasses.
 
-Decides names, field types and CDR bytes. Knows nothing of files. rosbags' generated code reads messages by
-attribute and builds them positionally, so our dataclasses are given to it as they are.
+Decides names, field types and CDR bytes. Knows nothing of files. Our records go through generated code of our
+own (cdr_encoder.py, cdr_decoder.py), standard ROS messages through rosbags'.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hippomat_core import messages
+from hippomat_logs.cdr_decoder import make_decoder
 from hippomat_logs.cdr_encoder import Encoder, FieldSpec, make_encoder
 from hippomat_logs.cdr_layout import Field, fields_of_type
 from hippomat_logs.records import DropRecord, ProcessRecord, SerialRecord, TimingRecord
@@ -120,11 +121,8 @@ class MessageStore:
         for kind in kinds:
             definitions.update(get_types_from_msg(definition(kind), type_name(kind)))
         self._types.register(definitions)
-        for kind in kinds:  # decoding then yields our classes themselves
-            self._types.types[type_name(kind)] = kind
-        self._restore = {kind: _restorer(kind) for kind in kinds}
-        self._names = {kind: type_name(kind) for kind in kinds}
         self._encoders = {kind: make_encoder(_specs(kind)) for kind in TOPICS}
+        self._decoders = {kind: make_decoder(kind, _specs(kind)) for kind in TOPICS}
 
     def encode(self, message: object) -> bytes:
         """CDR bytes of one of our records; raises ValueError or struct.error where a value does not fit."""
@@ -135,10 +133,8 @@ class MessageStore:
         return {kind: (TOPICS[kind], encoder) for kind, encoder in self._encoders.items()}
 
     def decode(self, kind: type, data: bytes | memoryview) -> Any:
-        """The record again; its arrays are read-only."""
-        restore = self._restore[kind]
-        message = self._types.deserialize_cdr(data, self._names[kind])
-        return restore(message) if restore else message
+        """The record again, its arrays read-only; struct.error or ValueError where the bytes hold none."""
+        return self._decoders[kind](data)
 
     def encode_standard(self, message: object, name: str) -> bytes:
         return bytes(self._types.serialize_cdr(message, name))
@@ -169,36 +165,13 @@ class MessageStore:
 
 
 def _specs(kind: type) -> tuple[FieldSpec, ...]:
-    """The fields of a class as the encoder wants them."""
+    """The fields of a class as encoder and decoder want them."""
     return tuple(
-        FieldSpec(f.name, f.ros, f.python is bytes, _specs(f.python), f.many)
+        FieldSpec(f.name, f.ros, False, _specs(f.python), f.many, f.python)
         if f.python not in (None, bytes)
         else FieldSpec(f.name, f.ros, f.python is bytes, (), f.many)
         for f in fields_of(kind)
     )
-
-
-def _restorer(kind: type) -> Any:
-    """A function that makes lists tuples and arrays bytes again, or None where nothing must change."""
-    changes: dict[str, Any] = {}
-    for field in fields_of(kind):
-        if field.python is bytes:
-            changes[field.name] = lambda value: value.tobytes()
-        elif field.python is not None:
-            inner = _restorer(field.python)
-            if field.many:
-                changes[field.name] = (lambda f: lambda rows: tuple(map(f, rows)))(inner) if inner else tuple
-            elif inner:
-                changes[field.name] = inner
-    if not changes:
-        return None
-
-    def restore(message: Any) -> Any:
-        return dataclasses.replace(
-            message, **{n: change(getattr(message, n)) for n, change in changes.items()}
-        )
-
-    return restore
 
 
 def blank(kind: type) -> Any:

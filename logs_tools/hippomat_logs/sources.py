@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Protocol
@@ -22,6 +22,7 @@ from rosbags.typesys import get_types_from_idl, get_types_from_msg
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.cdr_layout import Field, fields_of_type
 from hippomat_logs.mcap_file import Channel, McapFile, RawRow, open_mcap
+from hippomat_logs.part import FUSED_METADATA, SPAN_METADATA
 from hippomat_logs.sink import ACTIVE
 
 FOREVER = 1 << 63
@@ -109,6 +110,51 @@ class McapSource:
         self, streams: Collection[int] | None = None, start_ns: int = 0, end_ns: int = FOREVER
     ) -> Iterator[RawRow]:
         return self.file.rows(self.streams if streams is None else streams, start_ns, end_ns)
+
+
+class FusedSource(McapSource):
+    """One run in a fused file, as its own log was: without the prefix of its topics, at its own log times."""
+
+    def __init__(self, path: Path, inside: str) -> None:
+        super().__init__(path)
+        self.inside = inside
+        mine = {
+            number: stream for number, stream in self.streams.items() if stream.topic.startswith(f"{inside}/")
+        }
+        self.streams = {
+            number: replace(stream, topic=stream.topic[len(inside) :]) for number, stream in mine.items()
+        }
+        facts = self.file.metadata
+        self.file.metadata = {
+            name.removesuffix(inside): facts[name] for name in facts if name.endswith(inside)
+        }
+        folder = inside.strip("/") + "/"
+        self.file.attachments = {
+            name.removeprefix(folder): place
+            for name, place in self.file.attachments.items()
+            if name.startswith(folder)
+        }
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        facts = self.file.metadata.get(SPAN_METADATA, {})
+        return int(facts.get("first_ns", "0")), int(facts.get("last_ns", "0"))
+
+    def rows(
+        self, streams: Collection[int] | None = None, start_ns: int = 0, end_ns: int = FOREVER
+    ) -> Iterator[RawRow]:
+        for row in super().rows(streams):
+            if start_ns <= row.own_ns < end_ns:
+                yield row._replace(log_time_ns=row.own_ns)
+
+
+def opened_sources(path: Path) -> list[Source]:
+    """The file at `path`, or each of the runs that were fused in it."""
+    source = open_source(path)
+    if not isinstance(source, McapSource) or FUSED_METADATA not in source.file.metadata:
+        return [source]
+    prefixes = source.file.metadata[FUSED_METADATA].get("runs", "").split()
+    return [FusedSource(path, inside) for inside in prefixes]
 
 
 def _unreadable(channel: Channel) -> str:

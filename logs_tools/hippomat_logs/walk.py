@@ -10,8 +10,9 @@ from __future__ import annotations
 import mmap
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import zstandard
 
@@ -33,6 +34,7 @@ from hippomat_logs.mcap_writer import (
 from hippomat_logs.part import (
     CHANNELS_KEY,
     END_METADATA,
+    FUSED_METADATA,
     POLICY_ATTACHMENT,
     RECOVERY_METADATA,
     RUN_METADATA,
@@ -45,11 +47,12 @@ FOOTER_BYTES, DATA_END_BYTES = 9 + 20, 9 + 4
 MAX_CHUNK_BYTES = 64 << 20
 SLICE_BYTES = 16 << 20  # of a file, in memory at once
 PREFIX = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
+_MESSAGE = struct.Struct("<BQHIQQ")  # opcode and length in front
 
 
-@dataclass(frozen=True, slots=True)
-class RawMessage:
+class RawMessage(NamedTuple):
+    """One message as its bytes."""
+
     number: int  # record number, from the sequence field
     log_time_ns: int
     topic: str
@@ -61,8 +64,11 @@ class Contents:
     """What a walk has met so far; complete when the walk has ended.
 
     expected: the channels that this version would have written, for files that lost their description.
+    inside: of a fused file, the run whose messages, facts and attachments are wanted, by its prefix
+    ("/robot03"). They are given as its own log had them: without the prefix, at its own log times.
     """
 
+    inside: str = ""
     expected: Mapping[int, ChannelSpec] = field(default_factory=dict)
     manifest: dict[str, str] = field(default_factory=dict)
     end: dict[str, str] = field(default_factory=dict)
@@ -71,6 +77,7 @@ class Contents:
     channels: dict[int, ChannelSpec] = field(default_factory=dict)
     schemas: dict[int, tuple[str, bytes]] = field(default_factory=dict)
     messages: int = 0
+    counts: dict[int, int] = field(default_factory=dict)  # messages by channel, where they were only counted
     complete_bytes: int = 0  # everything before this offset was read
     damage: list[str] = field(default_factory=list)  # what a lenient walk passed over
     unverified: int = 0  # messages of a chunk that was cut: no checksum covers them
@@ -135,22 +142,44 @@ def _messages_promised(data: memoryview, start: int, end: int, missing: LogError
     raise missing
 
 
-def walk_strictly(data: memoryview, name: str, contents: Contents) -> Iterator[RawMessage]:
-    """Every message of a finished file in file order; raises LogError on anything unexpected."""
+Inside = Callable[[bytes, "Contents"], Iterable[RawMessage]]  # what is done with an inflated chunk
+
+
+def walk_strictly(
+    data: memoryview, name: str, contents: Contents, inside: Inside | None = None
+) -> Iterator[RawMessage]:
+    """Every message of a finished file in file order; raises LogError on anything unexpected.
+
+    inside: messages_inside, or counted_inside where only `contents` is wanted.
+    """
     end, promised = check_frame(data, name)
     first = [opcode for (opcode, _, _), _ in zip(records(data, len(MAGIC), end), range(2), strict=False)]
     if first != [HEADER, METADATA]:
         raise LogError(f"{name}: has no run manifest behind its header; was it recorded by hippomat?")
     for at, opcode, body, behind in with_offsets(data, len(MAGIC), end):
-        yield from record(opcode, body, at, contents)
+        yield from record(opcode, body, at, contents, inside)
         contents.complete_bytes = behind
     if not contents.manifest:
         raise LogError(
             f"{name}: holds no {RUN_METADATA} metadata; was it recorded by hippomat? (A merged file is for "
-            "viewers: here the robots' own logs are needed.)"
+            "viewers: here the robots' own logs are needed, or what `hippomat-logs fuse` makes of them.)"
         )
     if contents.messages != promised:
         raise LogError(f"{name}: {contents.messages} messages read, but its summary promises {promised}")
+
+
+def fused_runs(data: memoryview) -> tuple[str, ...]:
+    """Prefixes of the runs in a fused file, by its first metadata; of any other file, whole or not: none."""
+    try:
+        first = [
+            (o, body) for (o, body, _), _ in zip(records(data, len(MAGIC), len(data)), range(2), strict=False)
+        ]
+        if [opcode for opcode, _ in first] != [HEADER, METADATA]:
+            return ()
+        name, facts = metadata_of(first[1][1], 0)
+    except (LogError, struct.error, UnicodeDecodeError):
+        return ()
+    return tuple(facts.get("runs", "").split()) if name == FUSED_METADATA else ()
 
 
 def with_offsets(data: memoryview, start: int, end: int) -> Iterator[tuple[int, int, memoryview, int]]:
@@ -177,11 +206,13 @@ def records(data: memoryview, start: int, end: int) -> Iterator[tuple[int, memor
         at += 9 + length
 
 
-def record(opcode: int, body: memoryview, at: int, contents: Contents) -> Iterator[RawMessage]:
+def record(
+    opcode: int, body: memoryview, at: int, contents: Contents, inside: Inside | None = None
+) -> Iterable[RawMessage]:
     """One record of the data section; its lengths must agree: a damaged head is no harmless record."""
     if opcode == CHUNK:
-        yield from messages_inside(memoryview(inflated(body, at)), contents)
-    elif opcode == METADATA:
+        return (inside or messages_inside)(inflated(body, at), contents)
+    if opcode == METADATA:
         _metadata(body, at, contents)
     elif opcode == ATTACHMENT:
         _attachment(body, at, contents)
@@ -193,6 +224,7 @@ def record(opcode: int, body: memoryview, at: int, contents: Contents) -> Iterat
             raise LogError("file header damaged")
     else:
         raise LogError(f"record at byte {at} has opcode {opcode}, which our logs never hold there")
+    return ()
 
 
 def inflated(body: memoryview, at: int) -> bytes:
@@ -218,21 +250,62 @@ def chunk_head(body: memoryview) -> tuple[int, int, int]:
     return size, crc, 32 + length + 8
 
 
-def messages_inside(inside: memoryview, contents: Contents) -> Iterator[RawMessage]:
-    channels = contents.channels
-    for opcode, body, _ in records(inside, 0, len(inside)):
-        if opcode == MESSAGE:
-            channel, number, log_time_ns, _ = _MESSAGE.unpack_from(body)
+def messages_inside(inside: bytes, contents: Contents) -> Iterator[RawMessage]:
+    """The messages of an inflated chunk. Flat, because all that is read of a log comes through here."""
+    channels, unpack, fused = contents.channels, _MESSAGE.unpack_from, bool(contents.inside)
+    at, end = 0, len(inside)
+    while at + _MESSAGE.size <= end:
+        opcode, length, channel, number, log_time_ns, publish_ns = unpack(inside, at)
+        behind = at + 9 + length
+        if behind > end:
+            break
+        if opcode != MESSAGE:
+            _description(opcode, memoryview(inside)[at + 9 : behind], contents)
+        elif behind < at + _MESSAGE.size:
+            raise LogError(f"message of {length} bytes inside a chunk")
+        else:
             if channel not in channels:
                 _take_expected(channel, contents)
             contents.messages += 1
-            yield RawMessage(number, log_time_ns, channels[channel].topic, bytes(body[22:]))
-        elif opcode == SCHEMA:
-            _schema(body, contents)
-        elif opcode == CHANNEL:
-            _channel(body, contents)
+            topic = channels[channel].topic
+            if topic:  # else another run's, in a fused file
+                time_ns = publish_ns if fused else log_time_ns
+                yield RawMessage(number, time_ns, topic, inside[at + _MESSAGE.size : behind])
+        at = behind
+    for opcode, body, _ in records(memoryview(inside), at, end):  # shorter than any message, or cut
+        _description(opcode, body, contents)
+
+
+def counted_inside(inside: bytes, contents: Contents) -> Iterable[RawMessage]:
+    """No message of an inflated chunk, but how many it holds of each channel, in contents.counts."""
+    counts, unpack = contents.counts, _MESSAGE.unpack_from
+    at, end = 0, len(inside)
+    while at + _MESSAGE.size <= end:
+        opcode, length, channel, *_ = unpack(inside, at)
+        behind = at + 9 + length
+        if behind > end:
+            break
+        if opcode == MESSAGE:
+            if channel not in contents.channels:
+                _take_expected(channel, contents)
+            counts[channel] = counts.get(channel, 0) + 1
+            contents.messages += 1
         else:
-            raise LogError(f"record with opcode {opcode} inside a chunk")
+            _description(opcode, memoryview(inside)[at + 9 : behind], contents)
+        at = behind
+    for opcode, body, _ in records(memoryview(inside), at, end):
+        _description(opcode, body, contents)
+    return ()
+
+
+def _description(opcode: int, body: memoryview, contents: Contents) -> None:
+    """A schema or a channel: what else a chunk may hold."""
+    if opcode == SCHEMA:
+        _schema(body, contents)
+    elif opcode == CHANNEL:
+        _channel(body, contents)
+    else:
+        raise LogError(f"record with opcode {opcode} inside a chunk")
 
 
 def _take_expected(channel: int, contents: Contents) -> None:
@@ -275,11 +348,11 @@ def metadata_of(body: memoryview, at: int) -> tuple[str, dict[str, str]]:
 
 def _metadata(body: memoryview, at: int, contents: Contents) -> None:
     name, pairs = metadata_of(body, at)
-    if name == RUN_METADATA:
+    if name == RUN_METADATA + contents.inside:
         contents.manifest.update(pairs)
-    elif name == END_METADATA:
+    elif name == END_METADATA + contents.inside:
         contents.end.update(pairs)
-    elif name == RECOVERY_METADATA:
+    elif name == RECOVERY_METADATA + contents.inside:
         contents.recovery.update(pairs)
 
 
@@ -292,7 +365,15 @@ def _attachment(body: memoryview, at: int, contents: Contents) -> None:
             raise LogError("wrong length or checksum")
     except (LogError, struct.error, UnicodeDecodeError) as error:
         raise LogError(f"attachment at byte {at}: {error}") from None
-    contents.attachments[name] = bytes(body[behind + 8 : -4])
+    if (short := _own(name, contents.inside.strip("/"))) is not None:
+        contents.attachments[short] = bytes(body[behind + 8 : -4])
+
+
+def _own(name: str, inside: str) -> str | None:
+    """What a run of a fused file calls it; None: it is another run's. A file of one run has no prefixes."""
+    if not inside:
+        return name
+    return name[len(inside) + 1 :] if name.startswith(f"{inside}/") else None
 
 
 def _schema(body: memoryview, contents: Contents) -> None:
@@ -307,4 +388,7 @@ def _channel(body: memoryview, contents: Contents) -> None:
     topic, at = string_of(body, 4)
     _, at = string_of(body, at)
     name, definition = contents.schemas[schema]
+    if contents.inside:
+        short = _own(topic, contents.inside)
+        topic = "" if short is None else "/" + short
     contents.channels[number] = ChannelSpec(topic, name, definition, tuple(pairs_of(body, at).items()))

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_sim.fleet_run import FleetRun, RunResult, require_linux
+from hippomat_sim.lockstep_run import LockstepRun
 from hippomat_sim.maps import find_demo_map
 from hippomat_sim.run_logs import completions, log_files
 from hippomat_sim.run_settings import Carried, RunSettings
@@ -26,6 +27,7 @@ a task was done twice, or (demo) a replay diverged
 examples:
   hippomat-sim demo
   hippomat-sim run --map lab.yaml --robots 3 --seconds 120 --loss 0.3
+  hippomat-sim run --map lab.yaml --robots 5 --seconds 600 --lockstep --out runs/five
   hippomat-sim run --map willow-full-0.05.pgm --resolution 0.05 --slam --speed 0.5 --seconds 300
 """
 
@@ -46,7 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
             return run_demo(_settings(options), console)
         settings = _settings(options)
-        result = FleetRun(settings, view_for(console)).execute()
+        run = LockstepRun if options.lockstep else FleetRun
+        result = run(settings, view_for(console)).execute()
         _say_where(result, settings, console)
     except HippomatError as error:
         print(f"hippomat-sim: {error}", file=sys.stderr)
@@ -76,6 +79,25 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         metavar="S:N:X,Y,YAW",
         help="after S seconds somebody carries robot N there (metres, radians); may be given again",
+    )
+    run.add_argument(
+        "--clock-years",
+        type=float,
+        default=0.0,
+        metavar="Y",
+        help="the robots' clocks are off by up to Y years (default 0)",
+    )
+    run.add_argument(
+        "--clock-ppm",
+        type=float,
+        default=0.0,
+        metavar="P",
+        help="and drift by up to P parts per million (default 0)",
+    )
+    run.add_argument(
+        "--lockstep",
+        action="store_true",
+        help="everything in this process, as fast as it can: no daemons, no clock; equal runs, equal logs",
     )
     for command in (run, demo):
         _add_run_options(command)
@@ -129,6 +151,8 @@ def _settings(options: argparse.Namespace) -> RunSettings:
         slam=options.slam,
         resolution_m=getattr(options, "resolution", 0.05),
         carried=tuple(_carried(text) for text in getattr(options, "carry", [])),
+        clock_years=getattr(options, "clock_years", 0.0),
+        clock_ppm=getattr(options, "clock_ppm", 0.0),
     )
 
 
@@ -150,7 +174,7 @@ def _say_where(result: RunResult, settings: RunSettings, console: Console) -> No
     from hippomat_sim.run_picture import draw_run
 
     logs = log_files(result.logs)
-    console.print(pose_table(pose_errors(logs, result.truth_ns, result.truth)))
+    console.print(pose_table(pose_errors(logs, result.truth_ns, result.truth, result.clock_errors)))
     picture = draw_run(result, completions(logs), settings)
     console.print(f"picture: {picture}", markup=False, highlight=False, soft_wrap=True)
 
@@ -167,7 +191,11 @@ def _summary(result: RunResult, console: Console) -> int:
         line(
             f"the processor was too busy: the run took {result.slipped_s:.0f} s longer than the world's time"
         )
-    line(f"the world took {100 * result.busy:.0f} % of one processor")
+    if result.real_s:
+        factor = result.seconds / result.real_s
+        line(f"in lockstep: {result.seconds:.1f} s in {result.real_s:.1f} s, {factor:.1f} x real time")
+    else:
+        line(f"the world took {100 * result.busy:.0f} % of one processor")
     if result.troubles:
         return 1
     return 2 if result.contacts else 0

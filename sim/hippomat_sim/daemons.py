@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hippomat_core.errors import HippomatError
+from hippomat_sim.clock_errors import RIGHT, ClockError
+from hippomat_sim.clock_errors import VARIABLE as ERROR_VARIABLE
 from hippomat_sim.world_clock import VARIABLE
 
 _PR_SET_PDEATHSIG = 1
@@ -37,6 +39,7 @@ class DaemonOrder:
     start: tuple[float, float, float]  # x, y [m], yaw [rad]
     log: Path | None
     clock: Path | None = None  # the world's time; None: the daemon's own
+    clock_error: ClockError = RIGHT
 
     def command(self) -> list[str]:
         """The command line."""
@@ -113,7 +116,9 @@ class Daemon:
 
 
 def _clock(order: DaemonOrder) -> dict[str, str]:
-    return {} if order.clock is None else {VARIABLE: str(order.clock.resolve())}
+    if order.clock is None:
+        return {}
+    return {VARIABLE: str(order.clock.resolve()), ERROR_VARIABLE: order.clock_error.text}
 
 
 def describe_end(daemon: Daemon) -> str:

@@ -35,7 +35,7 @@ def run_demo(settings: RunSettings, console: Console) -> int:
     report = DemoReport(run_metrics(logs), verdicts, result.contacts, result.troubles)
     picture = draw_run(result, completions(logs), settings)
     show(report, console)
-    console.print(pose_table(pose_errors(logs, result.truth_ns, result.truth)))
+    console.print(pose_table(pose_errors(logs, result.truth_ns, result.truth, result.clock_errors)))
     _say(console, f"picture: {picture}")
     _say(
         console,

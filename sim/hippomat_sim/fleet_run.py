@@ -7,15 +7,13 @@ can; what it could not is slipped_s.
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import math
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,17 +24,17 @@ from hippomat_core.config import Config
 from hippomat_core.control.warm_up import warm_up as warm_up_control
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.planning.ground import ground_of
 from hippomat_core.slam.warm_up import warm_up as warm_up_localizer
-from hippomat_logs.map_files import load_map
 from hippomat_logs.policy_files import policy_of
+from hippomat_sim.clock_errors import ClockError, draw_clock_errors
 from hippomat_sim.daemons import Daemon, DaemonOrder, describe_end, interrupt_all, kill_all
-from hippomat_sim.medium import AirSettings, StationCounts
-from hippomat_sim.run_settings import RunSettings, checked, config_toml, described_map, run_config
-from hippomat_sim.simulation import Simulation, SimulationSetup
-from hippomat_sim.start_poses import start_poses
+from hippomat_sim.medium import StationCounts
+from hippomat_sim.run_preparation import prepared
+from hippomat_sim.run_settings import RunSettings
+from hippomat_sim.run_signals import Interrupts
+from hippomat_sim.simulation import Simulation
 from hippomat_sim.views import View
-from hippomat_sim.world import Body, Contact
+from hippomat_sim.world import Contact
 from hippomat_sim.world_clock import WorldClock
 
 START_TIMEOUT_S = 60.0
@@ -56,7 +54,8 @@ class RunResult:
     start_poses: NDArray[np.float64]  # (N, 3)
     truth_us: NDArray[np.int64]  # (T,) since the start of the world
     truth: NDArray[np.float64]  # (T, N, 3)
-    start_monotonic_ns: int  # of truth_us 0, on the daemons' clock
+    start_monotonic_ns: int  # of truth_us 0, on the world's clock
+    clock_errors: tuple[ClockError, ...]  # of each robot's host, against that
     seconds: float  # with all robots on the air
     contacts: tuple[Contact, ...]
     counts: tuple[StationCounts, ...]
@@ -64,10 +63,11 @@ class RunResult:
     troubles: tuple[str, ...]  # daemons that died, or had to be killed
     slipped_s: float  # by which the run took longer than the world's time
     busy: float  # share of one processor that the world took
+    real_s: float = 0.0  # in lockstep, which has no clock: what the run took
 
     @property
     def truth_ns(self) -> NDArray[np.int64]:
-        """(T,) stamps of the truth, as the daemons' logs have them."""
+        """(T,) stamps of the truth; in the daemons' logs too, but for their clock errors."""
         return self.truth_us * 1000 + self.start_monotonic_ns
 
 
@@ -75,49 +75,26 @@ class FleetRun:
     """Use once: FleetRun(settings, view).execute()."""
 
     def __init__(self, settings: RunSettings, view: View) -> None:
-        checked(settings)
-        self.config = run_config(settings)
-        map_yaml, text = described_map(settings)
-        if text:
-            settings.out.mkdir(parents=True, exist_ok=True)
-            map_yaml.write_text(text, encoding="utf-8")
-        self.settings = settings = replace(settings, map_yaml=map_yaml)
-        self.grid = load_map(map_yaml)
-        radius_m = self.config.robot.radius_m
-        ground = ground_of(self.grid, 0, self.config)
-        for one in settings.carried:
-            if not ground.costmap.is_free(self.grid.cell_of(*one.pose[:2])):
-                place = f"{one.pose[0]:g},{one.pose[1]:g}"
-                raise ConfigError(f"--carry: {place} is no free place of the map: give metres in its frame")
-        self.starts = start_poses(ground, settings.robots, radius_m, settings.seed)
-        settings.out.mkdir(parents=True, exist_ok=True)
-        self.toml = settings.out / "hippomat.toml"
-        self.toml.write_text(config_toml(self.config), encoding="utf-8")
-        setup = SimulationSetup(
-            self.grid,
-            self.starts,
-            settings.seed,
-            Body(radius_m, max(0.2, self.config.lidar.z_m + 0.05)),
-            self.config.lidar,
-            AirSettings(loss=settings.loss),
-            fleet=self.config.fleet.id,
-            channel=self.config.fleet.channel,
-            key=_fleet_key(settings.seed) if settings.sealed else b"",
-        )
-        self.simulation = Simulation(setup, settings.out / "ports")
+        run = prepared(settings)
+        self.settings = settings = run.settings
+        self.config, self.grid, self.starts, self.toml = run.config, run.grid, run.starts, run.toml
+        self.simulation = Simulation(run.setup, settings.out / "ports")
         self.daemons: list[Daemon] = []
         self.troubles: list[str] = []
-        self.interrupted = 0  # signals so far
+        self._interrupts = Interrupts()
         self._reported: set[int] = set()
         self._view = view
         self._clock = WorldClock(settings.out / "ports" / "clock", settings.robots)
+        self._clock_errors = draw_clock_errors(
+            settings.robots, settings.clock_years, settings.clock_ppm, settings.seed
+        )
         self._next_view_s = 0.0
         self._to_carry = sorted(settings.carried, key=lambda one: one.at_s)
         self._began_s = math.inf
 
     def execute(self) -> RunResult:
         """Run to the end; raises HippomatError where the fleet does not get under way."""
-        with self._signals():
+        with self._interrupts:
             try:
                 self._start()
                 seconds = self._drive()
@@ -129,6 +106,11 @@ class FleetRun:
                 self._clock.close()
                 self._clock.path.unlink()
         return self._result(seconds)
+
+    @property
+    def interrupted(self) -> int:
+        """Signals so far."""
+        return self._interrupts.count
 
     def log_directory(self, robot: int) -> Path:
         return self.settings.out / "logs" / f"robot{robot}"
@@ -175,6 +157,7 @@ class FleetRun:
             (x_m, y_m, yaw_rad),
             self.log_directory(robot) if self.settings.record_logs else None,
             self._clock.path,
+            self._clock_errors[robot],
         )
 
     def _drive(self) -> float:
@@ -255,20 +238,6 @@ class FleetRun:
         self.troubles.append(text)
         self._view.note(text)
 
-    @contextlib.contextmanager
-    def _signals(self) -> Iterator[None]:
-        """SIGINT and SIGTERM end the run cleanly; a second one while stopping ends it at once."""
-
-        def count(_number: int, _frame: FrameType | None) -> None:
-            self.interrupted += 1
-
-        before = {number: signal.signal(number, count) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-
     def _result(self, seconds: float) -> RunResult:
         simulation = self.simulation
         times = np.array([time_us for time_us, _, _ in simulation.truth], dtype=np.int64)
@@ -284,6 +253,7 @@ class FleetRun:
             times,
             poses,
             self._clock.start_ns,
+            self._clock_errors,
             seconds,
             tuple(simulation.world.contacts),
             tuple(simulation.medium.counts),
@@ -293,17 +263,16 @@ class FleetRun:
             (time.process_time() - self._cpu_start_s) / max(self._clock.real_s, 1e-9),
         )
         if self.settings.record_truth:
-            _write_truth(result)
+            write_truth(result)
         return result
 
 
-def _fleet_key(seed: int) -> bytes:
-    """16 bytes; a simulated fleet has nothing to hide."""
-    return hashlib.sha256(b"hippomat simulated fleet %d" % seed).digest()[:16]
+def write_truth(result: RunResult) -> None:
+    """truth.npz: what really happened, in the map frame, at 10 Hz.
 
-
-def _write_truth(result: RunResult) -> None:
-    """truth.npz: what really happened, in the map frame, at 10 Hz."""
+    stamp_ns (T,) is the world's clock. Robot k's monotonic clock shows clock_ahead_ns[k] more, and gains
+    clock_drift_ppb[k] parts in 10^9 from the world's 0 on.
+    """
     contacts = [(contact.start_s, contact.robot, contact.other) for contact in result.contacts]
     np.savez_compressed(
         result.out / "truth.npz",
@@ -311,6 +280,9 @@ def _write_truth(result: RunResult) -> None:
         poses=result.truth,
         contacts=np.array(contacts, dtype=np.float64).reshape(-1, 3),
         slipped_s=np.array(result.slipped_s),
+        clock_ahead_ns=np.array([error.ahead_ns for error in result.clock_errors], np.int64),
+        clock_drift_ppb=np.array([error.drift_ppb for error in result.clock_errors], np.int64),
+        clock_wall_ahead_ns=np.array([error.wall_ahead_ns for error in result.clock_errors], np.int64),
     )
 
 

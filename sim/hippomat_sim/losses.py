@@ -7,6 +7,8 @@ long. Knows no frames and no carrier.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +42,14 @@ class Fates:
         self._used = 0
 
 
+class LossModel(Protocol):
+    """Who misses which frame. The calls' times never go back."""
+
+    def lost(self, now_us: int, sender: int, frame: bytes) -> NDArray[np.bool_]:
+        """(S,) who misses this frame of the sender, which ends now."""
+        ...
+
+
 class Losses:
     """Loss of every link, with the memory that bursts need. The calls' times never go back."""
 
@@ -56,8 +66,8 @@ class Losses:
         self._was_bad = np.zeros((states, stations))
         self._at_us = np.full((states, 1), -1e12)
 
-    def lost(self, now_us: int, sender: int) -> NDArray[np.bool_]:
-        """(S,) who misses what this sender sends now."""
+    def lost(self, now_us: int, sender: int, frame: bytes) -> NDArray[np.bool_]:  # noqa: ARG002
+        """(S,) who misses what this sender sends now, whatever it is."""
         chance = self._loss[sender]
         bursts = self._bursts != "none"
         state = sender if self._bursts == "link" else 0

@@ -25,7 +25,7 @@ from hippomat_sim.air import (
     hidden_pairs,
 )
 from hippomat_sim.carrier import Carrier, Transmission
-from hippomat_sim.losses import Fates, Losses
+from hippomat_sim.losses import Fates, Losses, LossModel
 
 __all__ = [
     "AirSettings",
@@ -50,11 +50,14 @@ class Medium:
     tells each reception at its time; pop_ended() a whole transmission at its end: use one of both.
     """
 
-    def __init__(self, stations: int, settings: AirSettings, seed: int) -> None:
+    def __init__(
+        self, stations: int, settings: AirSettings, seed: int, losses: LossModel | None = None
+    ) -> None:
+        """losses: instead of those that the settings describe."""
         self._settings = settings
         self._driver_random = random.Random(f"driver {seed}")
-        losses, fates = np.random.SeedSequence(seed).spawn(2)
-        self._losses = Losses(stations, settings, np.random.default_rng(losses))
+        drawn, fates = np.random.SeedSequence(seed).spawn(2)
+        self._losses = losses or Losses(stations, settings, np.random.default_rng(drawn))
         self._fates = Fates(stations, settings, np.random.default_rng(fates))
         self._in_range = ~np.eye(stations, dtype=bool)
         for a, b in settings.hidden:
@@ -157,7 +160,7 @@ class Medium:
             tally[4] += open_to & deaf
             tally[3] += open_to & drowned & ~deaf
             open_to = open_to & ~(deaf | drowned)
-        lost = self._losses.lost(transmission.end_us, sender)
+        lost = self._losses.lost(transmission.end_us, sender, transmission.frame)
         received: NDArray[np.bool_] = open_to & ~lost
         tally[0] += received
         tally[1] += open_to & lost

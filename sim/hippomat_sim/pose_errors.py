@@ -1,6 +1,6 @@
 """How far the robots were from where they believed to be: their logs against the world's truth.
 
-Compares at the robot's ticks; daemons and world share a clock.
+Compares at the robot's ticks; its clock is the world's, but for an error that is known.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from rich.table import Table
 
 from hippomat_core.messages import Localized, PoseEstimated, Tick
 from hippomat_logs.reader import Run, open_runs
+from hippomat_sim.clock_errors import ClockError
 
 GOAL_M = 0.10  # 95 of 100 errors shall be below
 
@@ -33,10 +34,13 @@ class PoseErrors:
 
 
 def pose_errors(
-    logs: Sequence[Path], stamps_ns: NDArray[np.int64], truth: NDArray[np.float64]
+    logs: Sequence[Path],
+    stamps_ns: NDArray[np.int64],
+    truth: NDArray[np.float64],
+    clock_errors: Sequence[ClockError],
 ) -> list[PoseErrors]:
-    """One per log. truth: (T, N, 3) poses at stamps_ns (T,)."""
-    return [_of_run(run, stamps_ns, truth) for run in open_runs(logs)]
+    """One per log. truth: (T, N, 3) poses at stamps_ns (T,) of the world's clock."""
+    return [_of_run(run, clock_errors[run.robot].own_ns(stamps_ns), truth) for run in open_runs(logs)]
 
 
 def _of_run(run: Run, stamps_ns: NDArray[np.int64], truth: NDArray[np.float64]) -> PoseErrors:

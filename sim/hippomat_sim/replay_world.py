@@ -1,7 +1,8 @@
 """One recorded robot's world again, for replay level L3: its map, its body, its commands. Knows no logs.
 
-Offered to hippomat_logs.level3 through the entry-point group hippomat.replay_worlds. The base's answer to a
-command is the simulated base's own (Body); delays of a real one show up as error, which is what L3 measures.
+Offered to hippomat_logs.level3 through the entry-point group hippomat.replay_worlds, and with it whole fleets
+for level L4 (closed_loop.py). The base's answer to a command is the simulated base's own (Body); delays of a
+real one show up as error, which is what L3 measures.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from hippomat_core.config import Config
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import MapReceived
+from hippomat_sim.closed_loop import run_closed_loop
 from hippomat_sim.world import SUBSTEP_S, Body, World
 
 Pose = tuple[float, float, float]  # x [m], y [m], yaw [rad], map frame
@@ -21,6 +23,8 @@ Command = tuple[float, float, float]  # time [s], v [m/s], wz [rad/s]
 
 class PyBulletReplayWorld:
     """Built as PyBulletReplayWorld(config, map_received); closed at the end of the run."""
+
+    closed_loop = staticmethod(run_closed_loop)
 
     def __init__(self, config: Config, map_received: MapReceived | None) -> None:
         body = Body(radius_m=config.robot.radius_m)

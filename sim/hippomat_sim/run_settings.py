@@ -9,6 +9,7 @@ from typing import Any
 
 from hippomat_core.config import MAX_ROBOTS, MAX_TASK_SLOTS, Config, config_to_dict, parse_config
 from hippomat_core.errors import ConfigError
+from hippomat_sim.clock_errors import MAX_PPM, MAX_YEARS
 
 IMAGES = (".pgm", ".png", ".bmp")
 
@@ -41,6 +42,8 @@ class RunSettings:
     slam: bool | None = None  # localize in the map, or trust the wheels; None: as configured
     resolution_m: float = 0.05  # of a map that is an image without a description
     carried: tuple[Carried, ...] = ()
+    clock_years: float = 0.0  # by which the hosts' clocks are off, at most
+    clock_ppm: float = 0.0  # and by which they drift
 
 
 def checked(settings: RunSettings) -> RunSettings:
@@ -52,6 +55,8 @@ def checked(settings: RunSettings) -> RunSettings:
         ("--loss", settings.loss, 0.0, 1.0),
         ("--seed", settings.seed, 0, 2**31 - 1),
         ("--resolution", settings.resolution_m, 0.005, 1.0),
+        ("--clock-years", settings.clock_years, 0.0, MAX_YEARS),
+        ("--clock-ppm", settings.clock_ppm, 0.0, MAX_PPM),
         ("--speed", 0.02 if settings.speed_mps is None else settings.speed_mps, 0.02, 5.0),
     )
     for option, value, low, high in ranges:

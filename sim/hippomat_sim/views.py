@@ -13,7 +13,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from hippomat_sim.simulation import Simulation
+from hippomat_sim.virtual_fleet import VirtualFleet
 from hippomat_sim.world import Contact
 
 _PLAIN_PERIOD_S = 5.0
@@ -31,7 +31,7 @@ class View(Protocol):
     """What a run tells whoever watches."""
 
     def phase(self, name: str, began_s: float, seconds: float) -> None: ...
-    def show(self, now_s: float, simulation: Simulation) -> None: ...
+    def show(self, now_s: float, fleet: VirtualFleet) -> None: ...
     def note(self, text: str) -> None: ...
     def close(self) -> None: ...
 
@@ -56,8 +56,8 @@ class LiveView:
             self._started = True
             self._live.start()
 
-    def show(self, now_s: float, simulation: Simulation) -> None:
-        self._table = fleet_table(simulation)
+    def show(self, now_s: float, fleet: VirtualFleet) -> None:
+        self._table = fleet_table(fleet)
         self._live.update(Group(self._table, self._progress(now_s)), refresh=True)
 
     def note(self, text: str) -> None:
@@ -92,17 +92,17 @@ class PlainView:
         if not seconds:
             self._print(name)
 
-    def show(self, now_s: float, simulation: Simulation) -> None:
+    def show(self, now_s: float, fleet: VirtualFleet) -> None:
         if not self._seconds or now_s < self._next_s:
             return
         self._next_s = now_s + _PLAIN_PERIOD_S
-        heard, counts = simulation.ear.robots, simulation.medium.counts
+        heard, counts = fleet.ear.robots, fleet.medium.counts
         statuses = " ".join(f"{robot}:{one.status}" for robot, one in enumerate(heard))
         self._print(
             f"{now_s - self._began_s:5.1f}/{self._seconds:.0f} s  "
             f"{sum(one.served for one in heard)} tasks done, {statuses}; "
             f"{sum(c.sent for c in counts)} frames sent, {sum(c.received for c in counts)} received, "
-            f"{sum(c.lost for c in counts)} lost; {len(simulation.world.contacts)} contacts"
+            f"{sum(c.lost for c in counts)} lost; {len(fleet.world.contacts)} contacts"
         )
 
     def note(self, text: str) -> None:
@@ -116,7 +116,7 @@ class PlainView:
         sys.stdout.flush()
 
 
-def fleet_table(simulation: Simulation) -> Table:
+def fleet_table(fleet: VirtualFleet) -> Table:
     """Robots as rows: where they are, what they say, what their radios did, what they touched."""
     table = Table(title="hippomat: simulated fleet", title_justify="left", title_style="bold")
     table.box, table.padding = SIMPLE_HEAD, (0, 0, 0, 0)
@@ -126,9 +126,9 @@ def fleet_table(simulation: Simulation) -> Table:
     table.add_column("claim", min_width=6)
     for name in ("done", "sent", "recv.", "lost", "contacts"):  # fits 80 columns
         table.add_column(name, justify="right", no_wrap=True)
-    contacts = simulation.world.contacts
+    contacts = fleet.world.contacts
     for robot, (pose, heard, counts) in enumerate(
-        zip(simulation.world.poses.tolist(), simulation.ear.robots, simulation.medium.counts, strict=True)
+        zip(fleet.world.poses.tolist(), fleet.ear.robots, fleet.medium.counts, strict=True)
     ):
         table.add_row(
             str(robot),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -74,11 +75,13 @@ class Body:
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     effects: list[tuple[int, Effect]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    trace: list[tuple[int, Event | Effect]] = field(default_factory=list)  # both, as a log has them
 
     def take(self, event: Event) -> tuple[Effect, ...]:
         self.state, effects = step(self.state, event)
         self.events.append(event)
         self.effects += [(event.stamp_ns, effect) for effect in effects]
+        self.trace += [(event.stamp_ns, event), *((event.stamp_ns, effect) for effect in effects)]
         return effects
 
     def claims(self, what: str) -> list[ClaimChanged]:
@@ -96,7 +99,9 @@ class FleetWorld:
         fleet: FleetConfig | None = None,
         policy: bytes | None = None,
         recovery: RecoveryConfig | None = None,
+        starts: Sequence[tuple[float, float]] = (),
     ):
+        self.starts = starts or [(0.6 + 0.7 * robot, 0.6) for robot in range(robots)]
         self.policy = policy
         self.recovery = recovery or RecoveryConfig()
         self.grid = room()
@@ -107,7 +112,7 @@ class FleetWorld:
         self.bodies = [self._body(robot, fleet) for robot in range(robots)]
 
     def _body(self, robot: int, fleet: FleetConfig) -> Body:
-        start = (0.6 + 0.7 * robot, 0.6, math.pi / 2)
+        start = (*self.starts[robot], math.pi / 2)
         robot_config = RobotConfig(robot, *start, start_known=True)
         slam = SlamConfig(mode="odometry")
         config = Config(fleet=fleet, robot=robot_config, slam=slam, recovery=self.recovery)

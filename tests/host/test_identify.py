@@ -16,8 +16,9 @@ from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.errors import PortError, ProtocolMismatch
 from hippomat_core.messages import BASE, LIDAR, RADIO
 from hippomat_core.wire import jetbot_base, rplidar
+from hippomat_core.wire.device_commands import hello_of
 from hippomat_core.wire.link import encode_message
-from hippomat_host.acceptance import accept, hello_of
+from hippomat_host.acceptance import accept
 from hippomat_host.conversation import Conversation
 from hippomat_host.identify import ASK, LISTEN_NS, UNKNOWN, Identifier, Identity
 from hippomat_host.probe import probe

@@ -13,8 +13,9 @@ from radio_samples import radio_status, reply_of
 from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.errors import PortError
 from hippomat_core.messages import RADIO
+from hippomat_core.wire.device_commands import hello_of, to_be_told
 from hippomat_core.wire.link import FLAG_OPEN, FLAG_PROVISIONED, LINK_VERSION, Hello
-from hippomat_host.acceptance import accept, greeting_of, hello_of, to_be_told
+from hippomat_host.acceptance import accept, greeting_of
 from hippomat_host.identify import ASK, Identity
 
 FLEET = FleetConfig(id=7, size=12, channel=6, round_s=0.15)

@@ -12,6 +12,7 @@ from hippomat_core import messages as m
 from hippomat_core.config import Config, FleetConfig, RobotConfig, SlamConfig
 from hippomat_core.step import initial_state, step
 from hippomat_core.wire import codec, frames, jetbot_base, link, rplidar
+from hippomat_core.wire.device_commands import command_of
 from hippomat_core.wire.device_events import decoder_for
 from hippomat_logs.manifest import run_manifest
 from hippomat_logs.recorder import Recorder
@@ -66,12 +67,10 @@ class RecordedRun:
             self._write(event.stamp_ns, effect)
 
     def _write(self, stamp_ns: int, effect: m.Effect) -> None:
-        if isinstance(effect, m.Drive):
-            data = jetbot_base.encode_velocity(effect.v_mps, effect.wz_radps)
-            self.recorder.serial(stamp_ns, m.BASE, 1, 1, data)
-        elif isinstance(effect, m.SendState | m.SendTasks):
-            body = link.SendBody(codec.kind_of(effect.frame), codec.encode_body(effect.frame))
-            self.recorder.serial(stamp_ns, m.RADIO, 1, 1, link.encode_message(body))
+        command = command_of(effect)
+        if command is not None:
+            port, data = command
+            self.recorder.serial(stamp_ns, port, 1, 1, data)
 
     def read(self, stamp_ns: int, port: int, data: bytes) -> None:
         self.recorder.serial(stamp_ns, port, 0, 1, data)

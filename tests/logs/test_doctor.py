@@ -18,6 +18,7 @@ from recorded_run import record_run
 from hippomat_core import messages as m
 from hippomat_core.config import LogConfig
 from hippomat_core.errors import LogError
+from hippomat_logs import examination
 from hippomat_logs.cli import main
 from hippomat_logs.examination import DAMAGE, LOSS, REMARK, Examination, examine
 from hippomat_logs.reader import open_runs
@@ -185,3 +186,14 @@ def test_a_log_of_somebody_else_is_called_that_and_not_damaged():
     bag = data_folder() / "bags" / "talker.mcap"
     with pytest.raises(LogError, match="was it recorded by hippomat"):
         open_runs([bag])
+
+
+def test_it_says_how_far_it_is_inside_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record_run(tmp_path, ticks=40)
+    (path,) = tmp_path.glob("*.mcap")
+    monkeypatch.setattr(examination, "TOLD_EVERY", 20)
+    shares: list[float] = []
+    assert examine(path, shares.append).sound
+    assert len(shares) > 5
+    assert shares == sorted(shares)
+    assert 0.0 <= shares[0] <= shares[-1] <= 1.0

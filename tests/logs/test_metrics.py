@@ -6,43 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
-from recorded_run import CONFIG, START_NS, WALL_NS
+from fleet_logs import claim, stop_heard, write_log
 
 from hippomat_core import messages as m
-from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.wire import frames
 from hippomat_logs.cli import main
-from hippomat_logs.manifest import run_manifest
 from hippomat_logs.metrics import run_metrics
-from hippomat_logs.recorder import Recorder
-
-S = 10**9
-
-
-def claim(what: str, slot: int, generation: int = 1) -> m.ClaimChanged:
-    return m.ClaimChanged(what, "", slot, generation, 1, 127, 0, 0.0, 0.0, 0.0)
-
-
-def write(directory: Path, robot: int, stamped: list[tuple[float, object]]) -> None:
-    """A log of these effects and events at these seconds."""
-    config = Config(
-        fleet=FleetConfig(size=3, task_slots=4, c_max_s=20.0, dwell_s=0.5), robot=RobotConfig(id=robot)
-    )
-    manifest = run_manifest(config, session_id=f"0000000{robot}")
-    recorder = Recorder(directory, manifest, config=config, wall_ns=WALL_NS, stamp_ns=START_NS, lossless=True)
-    for at_s, message in stamped:
-        stamp_ns = START_NS + round(at_s * S)
-        if hasattr(message, "stamp_ns"):
-            recorder.event(message)  # type: ignore[arg-type]
-        else:
-            recorder.effect(stamp_ns, message)  # type: ignore[arg-type]
-    recorder.timing(START_NS, 2_000_000, 0)
-    recorder.close()
-
-
-def heard(sender: int, sequence: int, boot: int = 1) -> m.StopHeard:
-    header = frames.Header(frames.STOP, False, 1, sender, boot, sequence, 0)
-    return m.StopHeard(START_NS, 0, 0, -40, header, frames.StopFrame(0, 0, 0))
 
 
 @pytest.fixture
@@ -59,10 +28,10 @@ def logs(tmp_path: Path) -> Path:
         (9.0, claim("completed", 3)),
         (9.0, m.PoseEstimated(0.0, 0.0, 0.0, 0.0, 0.0, "odometry")),
         (9.1, m.PoseEstimated(3.0, 4.0, 0.0, 0.0, 0.0, "odometry")),
-        *[(9.2, heard(1, sequence)) for sequence in (10, 11, 13, 14, 14)],
-        *[(9.3, heard(1, sequence, boot=2)) for sequence in (0, 4)],
-        (9.4, m.FrameSent(START_NS, 0, frames.STATE, 3, True)),
-        (9.4, m.FrameSent(START_NS, 0, frames.STATE, 4, False)),
+        *[(9.2, stop_heard(1, sequence)) for sequence in (10, 11, 13, 14, 14)],
+        *[(9.3, stop_heard(1, sequence, boot=2)) for sequence in (0, 4)],
+        (9.4, m.FrameSent(0, 0, frames.STATE, 3, True)),
+        (9.4, m.FrameSent(0, 0, frames.STATE, 4, False)),
     ]
     second = [
         (5.2, claim("requested", 2)),
@@ -70,8 +39,8 @@ def logs(tmp_path: Path) -> Path:
         (8.0, claim("completed", 2)),
         (9.0, claim("completed", 3)),
     ]
-    write(tmp_path, 0, turned + first)
-    write(tmp_path, 1, turned + second)
+    write_log(tmp_path, 0, turned + first)
+    write_log(tmp_path, 1, turned + second)
     return tmp_path
 
 
@@ -85,7 +54,7 @@ def test_tasks_costs_and_conflicts_are_counted_over_the_fleet(logs: Path) -> Non
     assert sorted(fleet.allocation_s) == pytest.approx([1.5, 5.6])
     assert fleet.robots[0].conflicts == {"loss": 1}
     assert fleet.robots[0].driven_m == pytest.approx(5.0)
-    assert fleet.compute_ms == [2.0, 2.0]
+    assert fleet.compute_ms.tolist() == [2.0, 2.0]
 
 
 def test_lost_frames_are_the_gaps_per_sender_and_boot(logs: Path) -> None:
@@ -122,7 +91,9 @@ def test_info_shows_what_a_log_holds(logs: Path, capsys: pytest.CaptureFixture[s
         (["info"], 1, "LOG"),
         (["frobnicate"], 1, "frobnicate"),
         (["info", "{tmp}/none.mcap"], 1, "no such file"),
-        (["metrics", "{tmp}"], 1, "holds no .mcap file"),
+        (["metrics", "{tmp}"], 1, "holds no log"),
+        (["metrics", "{tmp}/none.mcap"], 1, "no such file"),
+        (["metrics", "{tmp}", "--baseline", "x"], 1, "needs --by"),
         (["recover", "{tmp}/none"], 1, "no such file"),
         (["recover", "{tmp}"], 0, "nothing to recover"),
     ],
@@ -146,4 +117,3 @@ def test_a_damaged_log_is_exit_code_3(logs: Path, capsys: pytest.CaptureFixture[
     path.write_bytes(data)
     assert main(["metrics", str(logs)]) == 3
     assert "hippomat-logs recover" in capsys.readouterr().out.replace("\n", " ")
-    assert CONFIG.robot.id == 0

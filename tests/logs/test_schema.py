@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import struct
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -96,3 +97,30 @@ def test_a_difference_inside_an_array_of_rows_has_its_whole_path() -> None:
     rows = (dataclasses.replace(heard.frame.rows[0], costs=costs), *heard.frame.rows[1:])
     other = dataclasses.replace(heard, frame=dataclasses.replace(heard.frame, rows=rows))
     assert [found[0] for found in differences(heard, other)] == [f"frame.rows[0].costs[{len(costs) - 1}]"]
+
+
+@settings(max_examples=200, deadline=None)
+@given(kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
+def test_our_decoder_and_rosbags_read_the_same_bytes_alike(kind: type, seed: int) -> None:
+    data = STORE.encode(sample(kind, np.random.default_rng(seed)))
+    assert plain(STORE.decode(kind, data)) == plain(STORE.decode_standard(data, type_name(kind)))
+
+
+def plain(value: Any) -> Any:
+    """A message of either side as lists and numbers."""
+    if dataclasses.is_dataclass(value):
+        names = [f.name for f in dataclasses.fields(value) if f.name != "__msgtype__"]
+        return {name: plain(getattr(value, name)) for name in names}
+    if isinstance(value, bytes | np.ndarray):
+        return np.frombuffer(value, np.uint8).tolist() if isinstance(value, bytes) else value.tolist()
+    return [plain(row) for row in value] if isinstance(value, list | tuple) else value
+
+
+@settings(max_examples=200, deadline=None)
+@given(kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1), cut=st.integers(1, 10_000))
+def test_a_record_cut_short_or_too_long_is_refused(kind: type, seed: int, cut: int) -> None:
+    data = STORE.encode(sample(kind, np.random.default_rng(seed)))
+    with pytest.raises((ValueError, struct.error)):
+        STORE.decode(kind, data[: -min(cut, len(data))])
+    with pytest.raises(ValueError, match="bytes were expected"):
+        STORE.decode(kind, data + bytes(4))

@@ -103,7 +103,7 @@ def test_a_lost_robot_stands_and_its_peers_are_told(run: RunResult) -> None:
 
 
 def test_poses_are_right_while_they_are_believed(run: RunResult) -> None:
-    errors = pose_errors(log_files(run.logs), run.truth_ns, run.truth)
+    errors = pose_errors(log_files(run.logs), run.truth_ns, run.truth, run.clock_errors)
     assert [one.robot for one in errors] == [0, 1]
     stayed, carried = errors
     assert len(stayed.errors_m) > 200

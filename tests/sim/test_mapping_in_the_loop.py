@@ -9,7 +9,7 @@ import psutil
 import pytest
 from sim_rooms import odd_room
 
-from hippomat_core.messages import Localized, LoopsClosed, LoopsDue, MapDrawn
+from hippomat_core.messages import BASE, Localized, LoopsClosed, LoopsDue, MapDrawn
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.replay import ReplayOptions, replay_run
 from hippomat_logs.report import OK
@@ -61,8 +61,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
             robot.base.command = push
             simulation.advance(now_us)
             for number, port in simulation.wait_for_bytes(0.002):
-                if port is robot.base_port:
-                    port.read()  # the motors are off
+                if port == BASE:
+                    simulation.ports[number][port].read()  # the motors are off
                 else:
                     simulation.serve([(number, port)], now_us)
         daemon.interrupt()

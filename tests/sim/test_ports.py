@@ -16,6 +16,7 @@ from radio_samples import hello_of_robot
 from rplidar import RPLidar
 from sim_rooms import box_room
 
+from hippomat_core.messages import BASE, LIDAR, RADIO
 from hippomat_core.wire.cobs import FrameDecoder
 from hippomat_core.wire.jetbot_base import BAUD, Decoder, decode_feedback, encode_velocity
 from hippomat_core.wire.link import HelloReply, decode_message, encode_message
@@ -117,7 +118,7 @@ class TurningLidar(RPLidar):  # type: ignore[misc]
 
 def test_a_foreign_rplidar_client_reads_info_health_and_full_sweeps(simulation: Simulation) -> None:
     with running(simulation):
-        client = TurningLidar(str(simulation.robots[0].lidar_port.link), timeout=3)
+        client = TurningLidar(str(simulation.ports[0][LIDAR].link), timeout=3)
         try:
             assert client.get_info()["model"] == 24
             assert client.get_health() == ("Good", 0)
@@ -132,7 +133,7 @@ def test_a_foreign_rplidar_client_reads_info_health_and_full_sweeps(simulation: 
 
 
 def test_a_base_frame_moves_the_robot_and_its_odometry(simulation: Simulation) -> None:
-    link = simulation.robots[0].base_port.link
+    link = simulation.ports[0][BASE].link
     with running(simulation), opened(link) as host:
         host.write(encode_velocity(0.2, 0.0))
         feedback = []
@@ -146,7 +147,7 @@ def test_a_base_frame_moves_the_robot_and_its_odometry(simulation: Simulation) -
 
 
 def test_the_radio_answers_hello_with_the_identity_it_adopted(simulation: Simulation) -> None:
-    with running(simulation), opened(simulation.robots[1].radio_port.link) as host:
+    with running(simulation), opened(simulation.ports[1][RADIO].link) as host:
         host.write(encode_message(hello_of_robot(1)))
         decoder, messages = FrameDecoder(), []
         while not any(isinstance(message, HelloReply) for message in messages):

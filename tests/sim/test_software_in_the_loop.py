@@ -16,7 +16,11 @@ from rich.console import Console
 from sim_rooms import box_room
 
 from hippomat_core.messages import StateHeard
+from hippomat_logs.fleet_story.conflicts import conflict_free_rate
+from hippomat_logs.fleet_story.rerun import Rerun
+from hippomat_logs.fleet_story.story import fleet_story
 from hippomat_logs.map_files import save_map
+from hippomat_logs.metrics import run_metrics
 from hippomat_logs.reader import open_runs
 from hippomat_sim.fleet_run import FleetRun, RunResult
 from hippomat_sim.run_logs import completions, log_files
@@ -77,6 +81,28 @@ def test_every_robot_was_heard_and_lost_about_a_tenth(finished_run: RunResult) -
         assert counts.sent > 60
         share = counts.lost / (counts.lost + counts.received)
         assert 0.03 < share < 0.2
+
+
+def test_what_real_daemons_decided_and_sent_is_told_by_their_logs(finished_run: RunResult) -> None:
+    """Every request can be made again, and every STATE heard is in its sender's log, in that round."""
+    runs = open_runs(list(finished_run.logs))
+    story = fleet_story(runs)
+    rerun = Rerun(story)
+    assert len(story.claims) >= 2
+    for claim in story.claims:
+        assert claim.decision is not None
+        assert rerun.refusal(claim.decision) == ""
+    assert conflict_free_rate(story.claims) == run_metrics(list(finished_run.logs)).conflict_free_rate
+    heard = 0
+    for run in runs:
+        for record in run.records_in_order([StateHeard]):
+            header = record.message.header
+            told = story.robots[header.sender]
+            settled = told.rounds[0] + 30  # fleet time leaps while radios find each other
+            if settled < header.fleet_time_us // 100_000 < told.rounds[1]:
+                heard += 1
+                assert told.sent[header.fleet_time_us // 100_000] == (header.sequence, True)
+    assert heard > 200
 
 
 def test_nothing_of_a_finished_run_is_left_behind(finished_run: RunResult) -> None:

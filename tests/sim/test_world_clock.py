@@ -5,10 +5,13 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hippomat_core.errors import HippomatError
 from hippomat_host import clock as daemons_clock
+from hippomat_sim import clock_errors
+from hippomat_sim.clock_errors import draw_clock_errors
 from hippomat_sim.world_clock import AHEAD_US, STEP_US, VARIABLE, WORDS, WorldClock
 
 
@@ -79,3 +82,32 @@ def test_without_a_simulator_the_clock_is_the_machines(monkeypatch: pytest.Monke
 
 def test_simulator_and_daemon_agree_on_the_file() -> None:
     assert (VARIABLE, WORDS) == (daemons_clock.VARIABLE, daemons_clock.WORDS)
+    assert clock_errors.VARIABLE == daemons_clock.ERROR_VARIABLE
+
+
+def test_a_daemon_with_a_wrong_clock_sees_the_time_that_the_simulator_says_it_does(
+    clock: WorldClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (error, other) = draw_clock_errors(2, years=10, ppm=50, seed=3)
+    monkeypatch.setenv(VARIABLE, str(clock.path))
+    monkeypatch.setenv(daemons_clock.ERROR_VARIABLE, error.text)
+    for name in ("_words", "_ahead_ns", "_drift_ppb", "_wall_ahead_ns"):
+        monkeypatch.setattr(daemons_clock, name, getattr(daemons_clock, name))
+    assert daemons_clock.adopt(["/dev/pts/0"])
+    now_ns = daemons_clock.now()
+    assert (
+        now_ns == error.own_ns(np.array([clock.start_ns]))[0] != other.own_ns(np.array([clock.start_ns]))[0]
+    )
+    assert abs(daemons_clock.wall_ns() - time.time_ns() - error.wall_ahead_ns) < 10**9
+    daemons_clock.acted(0, now_ns)
+    assert abs(clock._words[1] - clock.start_ns) <= 1
+
+
+def test_a_clock_error_that_is_none_is_refused_by_name(
+    clock: WorldClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(VARIABLE, str(clock.path))
+    monkeypatch.setenv(daemons_clock.ERROR_VARIABLE, "50 ppm")
+    monkeypatch.setattr(daemons_clock, "_words", None)
+    with pytest.raises(HippomatError, match="HIPPOMAT_CLOCK_ERROR=50 ppm: is not AHEAD_NS"):
+        daemons_clock.adopt(["/dev/pts/0"])

@@ -5,13 +5,14 @@ Every allocator is a pure function of the problem: whoever holds the same snapsh
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.allocation.observation import observations
+from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import UNREACHABLE
 
 

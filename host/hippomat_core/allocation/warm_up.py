@@ -4,13 +4,12 @@ that no robot can decide with are refused.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.allocation.port import Allocator, Decision, Problem
 from hippomat_core.errors import ConfigError
+from hippomat_core.replaced import replace
 
 
 def warm_up(allocator: Allocator, robots: int, tasks: int) -> None:

@@ -6,7 +6,6 @@ The rules for waiting, planning again and giving way. Decides paths, never veloc
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from hippomat_core.planning.astar import Path, path_length_m, shortest_path
 from hippomat_core.planning.costmap import nearest_free
 from hippomat_core.planning.give_way import way_aside
 from hippomat_core.planning.reservations import PeerMotion, keep_out_m
+from hippomat_core.replaced import replace
 
 DETOUR_M = 2.0  # accepted at once; a longer one only after waiting three times as long
 RETRY_S = 0.5

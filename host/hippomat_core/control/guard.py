@@ -94,7 +94,10 @@ def carried_along(
     shift_x = math.cos(now[2]) * east_m + math.sin(now[2]) * north_m
     shift_y = -math.sin(now[2]) * east_m + math.cos(now[2]) * north_m
     x, y = points[:, 0], points[:, 1]
-    return np.stack([c * x - s * y + shift_x, s * x + c * y + shift_y], axis=1)
+    moved = np.empty_like(points)
+    moved[:, 0] = c * x - s * y + shift_x
+    moved[:, 1] = s * x + c * y + shift_y
+    return moved
 
 
 def hidden_points(points: Points, lidar: LidarConfig) -> Points:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from hippomat_core.planning.astar import Path, path_length_m
 from hippomat_core.planning.costmap import Costmap
 from hippomat_core.planning.distance_field import DistanceField
 from hippomat_core.planning.reservations import Cells, PeerMotion, Taken, taken_cells
+from hippomat_core.replaced import replace
 
 NEVER = -1
 STANDING = Drive()

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +33,7 @@ from hippomat_core.planning.astar import path_length_m
 from hippomat_core.planning.costmap import Costmap, nearest_free
 from hippomat_core.planning.distance_field import DistanceField
 from hippomat_core.planning.reservations import Cells, PeerMotion, free_stretch, keep_out_m, reserve
+from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
 AHEAD_CELLS = 24  # of our own path are checked, about twice an intent
@@ -180,10 +180,10 @@ def _tracked(nav: Navigator, view: View) -> tuple[Navigator, float]:
 def _stretch(nav: Navigator, view: View) -> Stretch:
     """The next points of the path, and how far along them we may go."""
     points = _ahead(nav, view)
-    legs = np.hypot(
-        np.diff(points[:, 0], prepend=view.motion.x_m), np.diff(points[:, 1], prepend=view.motion.y_m)
-    )
-    along_m = np.cumsum(legs)
+    way = np.empty((len(points) + 1, 2))
+    way[0], way[1:] = (view.motion.x_m, view.motion.y_m), points
+    legs = way[1:] - way[:-1]
+    along_m = np.hypot(legs[:, 0], legs[:, 1]).cumsum()
     limits = view.config.limits
     heading_rad = math.atan2(points[0, 1] - view.motion.y_m, points[0, 0] - view.motion.x_m)
     turn_s = abs(math.remainder(heading_rad - view.motion.yaw_rad, math.tau)) / limits.turn_radps

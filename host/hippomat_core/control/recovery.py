@@ -11,10 +11,11 @@ guard. The sequence is that of nav2's default behaviour tree, with the fleet's t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from hippomat_core.config import Config
 from hippomat_core.control.follower import Motion
+from hippomat_core.replaced import replace
 
 NEVER = -1
 DRIVE, CLEAR, BACK_UP, TURN, WAIT, GIVE_UP = "drive", "clear", "back_up", "turn", "wait", "give_up"

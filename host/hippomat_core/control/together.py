@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from hippomat_core.motion.scene import Scene
 from hippomat_core.planning.astar import Path, path_length_m, shortest_path
 from hippomat_core.planning.costmap import nearest_free
 from hippomat_core.planning.reservations import PeerMotion, Positions, committed, free_stretch, keep_out_m
+from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import MAX_INTENT_STEPS
 
 NEWS_S = 1.0  # at most until a decision of a robot that is still far is heard

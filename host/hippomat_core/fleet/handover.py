@@ -9,8 +9,6 @@ the caller says how far away the task still is.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +20,7 @@ from hippomat_core.fleet.inputs import OwnInputs
 from hippomat_core.fleet.rows import HEARD_DIRECTLY
 from hippomat_core.fleet.snapshot import Snapshot, take_snapshot
 from hippomat_core.fleet.state import FleetState
+from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import UNREACHABLE
 
 

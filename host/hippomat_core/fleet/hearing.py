@@ -6,7 +6,6 @@ nothing; time is the stamp of the event.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TypeVar
 
 from hippomat_core.fleet import votes as rule_f
@@ -16,6 +15,7 @@ from hippomat_core.fleet.state import FleetState, Heard, awake
 from hippomat_core.fleet.tasks import turned_effects
 from hippomat_core.fleet.votes import claim_of
 from hippomat_core.messages import ERROR, WARNING, AlarmCleared, AlarmRaised, Effect
+from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import (
     OPERATOR,
     WAITING,

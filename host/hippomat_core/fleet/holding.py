@@ -6,8 +6,6 @@ motor: the caller says when the robot has arrived.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from hippomat_core.fleet.claims import (
     OwnClaim,
     conflict_cause,
@@ -21,6 +19,7 @@ from hippomat_core.fleet.inputs import OwnInputs
 from hippomat_core.fleet.state import FleetState
 from hippomat_core.fleet.tasks import turned_effects
 from hippomat_core.messages import ConflictSeen, Effect
+from hippomat_core.replaced import replace
 
 _STAGGER_ROUNDS = 8  # between robots that give up one contested task: long enough to confirm another
 

@@ -8,12 +8,13 @@ that who was heard before is kept and judged again once it has listened for T_de
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from hippomat_core.config import Config
 from hippomat_core.fleet.robot_names import named, robots_of
 from hippomat_core.fleet.timing import DEAD_S
 from hippomat_core.messages import ERROR, INFO, WARNING, AlarmCleared, AlarmRaised, Effect, RadioStatus
+from hippomat_core.replaced import replace
 from hippomat_core.wire.link_messages import (
     FLAG_AGREED,
     FLAG_OPEN,

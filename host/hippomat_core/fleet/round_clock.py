@@ -13,9 +13,10 @@ relies on lateness has to begin anew (`steps`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from hippomat_core.messages import RoundEnded
+from hippomat_core.replaced import replace
 
 NEVER = -(10**18)
 CREEP = 2000  # 1/CREEP of the time: 500 ppm, more than two crystals differ

@@ -7,7 +7,7 @@ Knows no clock, motor or path: the caller says where the robot is and what each 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from hippomat_core.allocation.port import NO_LOGITS, Decision
 from hippomat_core.fleet import votes as rule_f
@@ -20,6 +20,7 @@ from hippomat_core.fleet.snapshot import Snapshot, round_decided, take_snapshot
 from hippomat_core.fleet.state import FleetState, awake
 from hippomat_core.fleet.votes import ClaimId
 from hippomat_core.messages import ClaimChanged, Effect, PeerClaimSeen, RoundEnded
+from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import StateFrame, TasksFrame
 
 

@@ -7,8 +7,8 @@ decided where they are heard.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +64,7 @@ class Row:
     rssi_dbm: int
 
 
+@lru_cache(maxsize=1024)  # values, the same ones asked for ten times a round; hashed by identity
 def newest_row(peer: Peer | None, relayed: Relayed | None) -> Row | None:
     """relayed: as FleetState keeps it, so newer than the peer's own row."""
     if relayed is not None:
@@ -71,12 +72,11 @@ def newest_row(peer: Peer | None, relayed: Relayed | None) -> Row | None:
     return None if peer is None else _of_peer(peer)
 
 
-def newest_rows(peers: tuple[Peer | None, ...], relayed: tuple[Relayed | None, ...]) -> Iterator[Row]:
+@lru_cache(maxsize=64)
+def newest_rows(peers: tuple[Peer | None, ...], relayed: tuple[Relayed | None, ...]) -> tuple[Row, ...]:
     """The rows of all robots of which anything is known, in id order."""
-    for peer, passed_on in zip(peers, relayed, strict=True):
-        row = newest_row(peer, passed_on)
-        if row is not None:
-            yield row
+    rows = (newest_row(peer, passed_on) for peer, passed_on in zip(peers, relayed, strict=True))
+    return tuple(row for row in rows if row is not None)
 
 
 def own_row(robot: int, frame: StateFrame, number: int, stamp_ns: int) -> Row:

@@ -6,8 +6,7 @@ time is the stamp of the event, task sites and the fleet digest are given once t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from hippomat_core.fleet.tasks import Tasks, turned_effects
 from hippomat_core.fleet.timing import Timing
 from hippomat_core.fleet.votes import Votes
 from hippomat_core.messages import Effect
+from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import StateFrame
 
 
@@ -67,7 +67,7 @@ class FleetState:
         """The newest that is known of it."""
         return newest_row(self.peers[robot], self.relayed[robot])
 
-    def rows(self) -> Iterator[Row]:
+    def rows(self) -> tuple[Row, ...]:
         """The newest of everybody else, in id order."""
         return newest_rows(self.peers, self.relayed)
 

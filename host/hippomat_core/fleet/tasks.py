@@ -7,7 +7,7 @@ one of them has seen is never undone. The digest in every STATE shows who differ
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from hippomat_core.config import FleetConfig
 from hippomat_core.fleet.sites import check_sites, slot_site
 from hippomat_core.messages import TaskTurned
+from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import CLAIMED, DONE, INACTIVE, WAITING, TasksFrame, TaskSlot
 
 MAX_GENERATION = 65535

@@ -49,12 +49,13 @@ other on that task since.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.fleet.timing import Timing
+from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import NO_SLOT, AirClaim, RelayRow
 
 # phases of a vote

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.config import Config
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import MAX_INTENT_STEPS, NO_SLOT, StateFrame
 
 Cells = NDArray[np.int32]  # (K, 2) [ix, iy]
@@ -57,7 +59,7 @@ def peer_motion(robot: int, frame: StateFrame, age_s: float, sent_round: int = -
         y_m=frame.y_cm / 100.0,
         speed_mps=frame.speed_2cmps / 50.0,
         age_s=age_s,
-        intent=decode_intent(frame.intent_ix, frame.intent_iy, frame.intent_steps),
+        intent=_known_intent(frame.intent_ix, frame.intent_iy, frame.intent_steps.tobytes()),
         destination=None if claim.slot == NO_SLOT else (claim.x_cm / 100.0, claim.y_cm / 100.0),
         told_round=sent_round - 2,
         claim_round=claim.round,
@@ -86,6 +88,13 @@ def decode_intent(ix: int, iy: int, steps: NDArray[np.uint8]) -> Cells:
     deltas = np.stack([moves % 3 - 1, moves // 3 % 3 - 1], axis=1)
     first = np.array([[ix, iy]], np.int32)
     return np.concatenate([first, first + np.cumsum(deltas, axis=0)]).astype(np.int32)
+
+
+@lru_cache(maxsize=256)  # asked for at every tick, and told anew at every second one
+def _known_intent(ix: int, iy: int, steps: bytes) -> Cells:
+    cells = decode_intent(ix, iy, np.frombuffer(steps, np.uint8))
+    cells.flags.writeable = False
+    return cells
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,9 @@ least delay that occurs: a delay that all messages share cannot be seen, and is 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+
+from hippomat_core.replaced import replace
 
 WINDOW_NS = 30_000_000_000  # the offset is the least of two windows: clocks drift by milliseconds a minute
 BACK_NS = (

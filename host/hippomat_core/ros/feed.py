@@ -8,7 +8,7 @@ a scan gets the pose it was taken at. Knows no map and no port.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hippomat_core.config import RosConfig
 from hippomat_core.control.guard import HOLE_Q6
 from hippomat_core.messages import LaserScanReceived, OdometryReceived, TransformReceived
+from hippomat_core.replaced import replace
 from hippomat_core.ros.clock import RosClock
 from hippomat_core.ros.transforms import HERE, Edge, Pose2, Transforms, along
 from hippomat_core.slam.odometry import FASTEST_RADPS, JUMP_M, JUMP_RAD

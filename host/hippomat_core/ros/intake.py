@@ -6,7 +6,6 @@ step.py and faults.py come here for all that concerns ROS. What the messages mea
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from hippomat_core.messages import (
     OdometryReceived,
     TransformReceived,
 )
+from hippomat_core.replaced import replace
 from hippomat_core.ros.feed import (
     RosFeed,
     looks_all_round,

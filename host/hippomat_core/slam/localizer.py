@@ -9,13 +9,14 @@ odometry poses in the odom frame. Knows no fleet: what is masked, is masked befo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.config import LidarConfig, SlamConfig
 from hippomat_core.planning.costmap import Costmap
+from hippomat_core.replaced import replace
 from hippomat_core.slam.likelihood_field import LikelihoodField, field_of_grid
 from hippomat_core.slam.matcher import Search, match
 from hippomat_core.slam.pose2 import IDENTITY, Pose, apart, compose, inverse

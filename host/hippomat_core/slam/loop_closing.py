@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from hippomat_core.replaced import replace
 from hippomat_core.slam.gtsam_solver import solved_poses
 from hippomat_core.slam.mapper import MapperSettings
 from hippomat_core.slam.matcher import Match, Search

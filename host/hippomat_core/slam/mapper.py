@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.replaced import replace
 from hippomat_core.slam.likelihood_field import SIGMA_M, LikelihoodField, field_of_points
 from hippomat_core.slam.matcher import Search, Trust, match
 from hippomat_core.slam.pose_graph import EMPTY_GRAPH, Keyframe, PoseGraph

@@ -8,12 +8,13 @@ millimetres and milliradians that wrap, so only differences are used.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.messages import BaseFeedback
+from hippomat_core.replaced import replace
 from hippomat_core.slam.steady_clock import SteadyClock
 
 JUMP_M = 0.5  # more than this between two frames (40 ms): the base restarted its counters

@@ -8,13 +8,14 @@ were found.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from hippomat_core.maps.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from hippomat_core.replaced import replace
 from hippomat_core.slam.poses import composed, placed
 
 HIT, MISS = 200, -115  # hundredths of log odds: a third of the looks at a cell must have met something

@@ -9,7 +9,7 @@ does a bounded amount of work and gives the next one. Scores are integers, so th
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from hippomat_core.maps.occupancy_grid import FREE
 from hippomat_core.planning.costmap import Costmap
+from hippomat_core.replaced import replace
 from hippomat_core.slam.pose2 import Pose
 
 LEAF_M = 0.10  # places are told apart this finely; the scan matcher does the rest

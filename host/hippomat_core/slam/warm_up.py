@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from hippomat_core.config import LidarConfig, SlamConfig
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.planning.costmap import inflate
+from hippomat_core.replaced import replace
 from hippomat_core.slam.localizer import (
     LOST,
     Localizer,

@@ -23,9 +23,11 @@ from hippomat_logs.fleet_story.conflicts import (
     conflict_free_rate,
     conflicts_in,
     one_sided,
+    price,
     promise_holds,
 )
 from hippomat_logs.fleet_story.story import FleetStory, fleet_story
+from hippomat_logs.paragraphs import say
 from hippomat_logs.reader import open_runs
 from hippomat_logs.report import DAMAGED, DIVERGED, REPRODUCED
 
@@ -80,24 +82,26 @@ def as_json(story: FleetStory, conflicts: list[Conflict]) -> dict[str, Any]:
         "without_log": story.missing,
         "requests": len(story.claims),
         "requested_tasks": len({claim.task for claim in story.claims}),
-        "conflict_free_rate": _finite(conflict_free_rate(story.claims)),
+        "conflict_free_rate": finite(conflict_free_rate(story.claims)),
         "by_cause": {cause: count for cause, count in _by_cause(conflicts).items() if count},
         "by_kind": {kind: sum(one.kind == kind for one in conflicts) for kind in KINDS},
+        "price_s": price(conflicts)[0],
+        "price_m": price(conflicts)[1],
         "misjudged": sum(one.misjudged for one in conflicts),
         "promise_broken": bool(broken(story, conflicts)),
-        "conflicts": [_finite(dataclasses.asdict(one)) for one in conflicts],
+        "conflicts": [finite(dataclasses.asdict(one)) for one in conflicts],
         "one_sided": [dataclasses.asdict(one) for one in one_sided(story)],
         "lost": story.lost,
     }
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
-        return {name: _finite(one) for name, one in value.items()}
+        return {name: finite(one) for name, one in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
+        return [finite(one) for one in value]
     return value
 
 
@@ -121,7 +125,9 @@ def show(story: FleetStory, conflicts: list[Conflict], most: int | None, console
         _explain(one, console)
     if most is not None and len(conflicts) > most:
         console.print(f"and {len(conflicts) - most} more: --all", markup=False)
-    _unknown(story, console)
+    for seen in one_sided(story):
+        say(console, _one_sided_text(seen), 2)
+    say_what_is_missing(story, console)
 
 
 def _head(story: FleetStory, conflicts: list[Conflict]) -> list[str]:
@@ -140,7 +146,7 @@ def _head(story: FleetStory, conflicts: list[Conflict]) -> list[str]:
 
 def _causes_line(conflicts: list[Conflict]) -> str:
     causes = ", ".join(f"{count} {cause}" for cause, count in _by_cause(conflicts).items() if count)
-    lost_s, lost_m = sum(one.detour_s for one in conflicts), sum(one.detour_m for one in conflicts)
+    lost_s, lost_m = price(conflicts)
     lines = [f"by cause: {causes}; price: {lost_s:.1f} s and {lost_m:.2f} m for claims that were given up"]
     if wrong := sum(one.misjudged for one in conflicts):
         lines.append(
@@ -165,7 +171,7 @@ def _table(conflicts: list[Conflict]) -> Table:
             one.cause,
             "-" if one.kept_by is None else str(one.kept_by),
             str(one.rounds),
-            f"{one.detour_s:.1f} s",
+            f"{price([one])[0]:.1f} s",
             style="bold red" if one.kind == DOUBLY_CONFIRMED else None,
         )
     return table
@@ -179,13 +185,14 @@ def _explain(one: Conflict, console: Console) -> None:
     first, second = one.requested
     when = f"both in round {first}" if first == second else f"in rounds {first} and {second}"
     asked = f"robots {_both(one)} asked for slot {one.slot} generation {one.generation} {when}"
-    console.print(f"\n{asked} ({_costs(one)})", markup=False)
+    console.print()
+    say(console, f"{asked} ({_costs(one)})")
     for index, text in enumerate(one.evidence):
-        console.print(f"  {one.cause + ': ' if index == 0 else ''}{text}", markup=False)
+        say(console, f"{one.cause + ': ' if index == 0 else ''}{text}", 2)
     for robot, guess in one.guesses:
         if guess != one.cause:
-            console.print(f"  robot {robot} itself recorded: {guess}", style="yellow", markup=False)
-    console.print(f"  {one.ending}", markup=False)
+            say(console, f"robot {robot} itself recorded: {guess}", 2, "yellow")
+    say(console, one.ending, 2)
 
 
 def _costs(one: Conflict) -> str:
@@ -194,22 +201,26 @@ def _costs(one: Conflict) -> str:
     return f"costs {one.costs_s[0]:.1f} s and {one.costs_s[1]:.1f} s"
 
 
-def _unknown(story: FleetStory, console: Console) -> None:
+def say_what_is_missing(story: FleetStory, console: Console) -> None:
+    """What these logs cannot tell."""
     if story.missing:
         robots = ", ".join(map(str, story.missing))
-        console.print(
-            f"no log of robot {robots}: what it requested, and conflicts among such robots, are not known",
-            style="yellow",
-            markup=False,
+        say(
+            console,
+            f"no log of robot {robots}: what it did is known only as far as others heard",
+            0,
+            "yellow",
         )
-    for one in one_sided(story):
-        console.print(f"  {_one_sided_text(one)}", markup=False)
+    for name in story.observers:
+        say(console, f"{name} is an observer's log: it decides nothing and is left out", 0, "yellow")
     for told in story.robots.values():
         if told.recovered:
-            text = f"robot {told.robot}'s log was recovered: it ends with round {told.rounds[1]}"
-            console.print(text, style="yellow", markup=False)
+            text = (
+                f"robot {told.robot}'s log was recovered after a crash: it ends with round {told.rounds[1]}"
+            )
+            say(console, text, 0, "yellow")
     for line in story.lost:
-        console.print(f"lost: {line}", style="yellow", markup=False)
+        say(console, f"lost: {line}", 0, "yellow")
 
 
 def _one_sided_text(one: OneSided) -> str:

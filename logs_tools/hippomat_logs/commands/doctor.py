@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from hippomat_logs.each_file import each_file
+from hippomat_logs.each_file import each_file, share_bar
 from hippomat_logs.examination import DAMAGE, LOSS, Examination, between_parts, examine
 from hippomat_logs.opened_run import log_files
 from hippomat_logs.report import DAMAGED, REPRODUCED
@@ -26,7 +26,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     paths = list(dict.fromkeys(path for one in options.paths for path in _with_unfinished(one)))
-    examined = [found for _, found in each_file(paths, examine, "examining")]
+    if len(paths) == 1:
+        with share_bar(f"examining {paths[0].name}") as told:
+            examined = [examine(paths[0], told)]
+    else:
+        examined = [found for _, found in each_file(paths, examine, "examining")]
     between = between_parts(examined)
     sound = all(found.sound for found in examined) and not between
     if options.json:

@@ -18,7 +18,7 @@ from hippomat_core.errors import LogError
 from hippomat_logs.opened_run import OpenedRun, group_opened, log_files
 from hippomat_logs.part import END_METADATA, RECOVERY_METADATA
 from hippomat_logs.report import DAMAGED, REPRODUCED
-from hippomat_logs.sources import McapSource, Source, open_source
+from hippomat_logs.sources import FusedSource, McapSource, Source, opened_sources
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     broken: list[str] = []
     for path in dict.fromkeys(file for one in options.paths for file in log_files(one)):
         try:
-            sources.append(open_source(path))
+            sources.extend(opened_sources(path))
         except LogError as error:
             broken.append(str(error))
     runs = group_opened(sources)
@@ -115,6 +115,8 @@ def show(opened: OpenedRun, console: Console) -> None:
     begun = datetime.fromtimestamp(begun_ns / 1e9, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
     total = sum(topic.count or 0 for topic in opened.topics.values())
     console.print(f"  begun {begun}, {seconds:.1f} s, {total:,} messages, {_size(opened) / 2**20:.1f} MiB")
+    if isinstance(opened.sources[0], FusedSource):
+        console.print(f"  one of the runs fused in this file, at {opened.sources[0].inside}", markup=False)
     console.print(f"  {state['text']}{_by(facts)}")
     if state["shed"]:
         console.print(f"  [yellow]{state['shed']:,} bulk records were shed while recording[/yellow]")

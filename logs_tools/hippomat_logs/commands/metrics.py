@@ -15,12 +15,18 @@ from rich.table import Table
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.commands.select import words
 from hippomat_logs.each_file import each_item
-from hippomat_logs.metrics.as_json import fleet_as_json
+from hippomat_logs.metrics.as_json import fleet_as_json, truth_as_json
 from hippomat_logs.metrics.beside_paper import CAVEAT, beside_paper, printed_text
 from hippomat_logs.metrics.comparison import Group, Trial, compare
 from hippomat_logs.metrics.figures import FIGURES, PAPER, Figure, chosen, figures_of
-from hippomat_logs.metrics.fleet import FleetMetrics, fleet_metrics, robot_metrics
-from hippomat_logs.metrics.fleet_tables import fleet_lines, link_tables, metrics_table
+from hippomat_logs.metrics.fleet import Clocks, FleetMetrics, clocks_of, fleet_metrics, robot_metrics
+from hippomat_logs.metrics.fleet_tables import (
+    fleet_lines,
+    link_tables,
+    metrics_table,
+    truth_lines,
+    truth_table,
+)
 from hippomat_logs.metrics.robot import RobotMetrics
 from hippomat_logs.metrics.trial_tables import (
     as_csv,
@@ -31,10 +37,13 @@ from hippomat_logs.metrics.trial_tables import (
     terminal_tables,
 )
 from hippomat_logs.metrics.trials import BY_DIRECTORY, BY_TIME, LoggedRun, TrialFiles, find_trials
+from hippomat_logs.metrics.truth import against_truth
+from hippomat_logs.metrics.truth_files import read_truth
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.report import DAMAGED, REPRODUCED
 
 ALL = "all"
+OWN_FRAME, MAP_FRAME = "own", "map"
 _TRIALS = (
     "what one trial is: time (default): runs of one fleet id that overlap by half of the shorter one, those "
     "in one directory first; dir: all runs below each directory directly in PATH, for clocks that were wrong"
@@ -73,6 +82,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     form.add_argument("--markdown", action="store_true", help="print Markdown tables")
     form.add_argument("--latex", action="store_true", help="print LaTeX tables (booktabs)")
     add("--links", action="store_true", help="one trial: also the matrices of all links")
+    truth = "one trial: motion capture (CSV: time_s,robot,x_m,y_m,yaw_rad) or the simulator's truth.npz"
+    add("--truth", type=Path, metavar="FILE", help=truth)
+    frame = "own (default): the rigid transform to the map is found by the motion; map: it is the map's frame"
+    add("--truth-frame", choices=(OWN_FRAME, MAP_FRAME), default=OWN_FRAME, help=frame)
     add("--trust-clocks", action="store_true", help="the robots' wall clocks are one: do not align them")
 
 
@@ -84,6 +97,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     for line in found.foreign:
         errors.print(f"left out: {line}", style="yellow", markup=False)
     as_table = options.by or options.csv or options.markdown or options.latex
+    if options.truth and (as_table or len(found.trials) != 1):
+        raise HippomatError(f"--truth {options.truth} goes with one trial, found {len(found.trials)}")
     if len(found.trials) == 1 and not as_table:
         if found.damaged:
             raise LogError("; ".join(found.damaged))
@@ -101,13 +116,23 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def _one_trial(trial: TrialFiles, options: argparse.Namespace, console: Console) -> int:
-    metrics = read_fleet(trial, options.trust_clocks)
+    truth = read_truth(options.truth) if options.truth else None  # before the work
+    runs, clocks, metrics = read_fleet(trial, options.trust_clocks)
+    errors = None
+    if truth is not None:
+        errors = against_truth(runs, clocks.alignment, truth, map_frame=options.truth_frame == MAP_FRAME)
     if options.json:
-        print(json.dumps(fleet_as_json(metrics), indent=2))
+        facts = fleet_as_json(metrics)
+        print(json.dumps(facts if errors is None else {**facts, "truth": truth_as_json(errors)}, indent=2))
         return REPRODUCED
     console.print(metrics_table(metrics))
     for line in fleet_lines(metrics):
         console.print(line, markup=False)
+    if errors is not None:
+        console.print()
+        console.print(truth_table(errors))
+        for line in truth_lines(errors):
+            console.print(line, markup=False)
     _show_paper(metrics, console)
     if options.links:
         for title, table in link_tables(metrics):
@@ -116,7 +141,7 @@ def _one_trial(trial: TrialFiles, options: argparse.Namespace, console: Console)
     return REPRODUCED
 
 
-def read_fleet(trial: TrialFiles, trust_clocks: bool) -> FleetMetrics:
+def read_fleet(trial: TrialFiles, trust_clocks: bool) -> tuple[list[Run], Clocks, FleetMetrics]:
     """A process for each robot, and a progress bar; raises LogError where a log is damaged."""
     size = sum(path.stat().st_size for path in trial.paths)
     read = list(each_item(trial.runs, _read_robot, "reading", size))
@@ -125,7 +150,8 @@ def read_fleet(trial: TrialFiles, trust_clocks: bool) -> FleetMetrics:
             raise one
     whole = [one for one in read if not isinstance(one, HippomatError)]
     runs = [Run(logged.paths, logged.manifest) for logged in trial.runs]
-    return fleet_metrics(runs, whole, trust_clocks=trust_clocks)
+    clocks = clocks_of(runs, trusted=trust_clocks)
+    return runs, clocks, fleet_metrics(runs, whole, clocks)
 
 
 def _read_robot(logged: LoggedRun) -> RobotMetrics | HippomatError:
@@ -191,7 +217,7 @@ def _read_trial(trust_clocks: bool, trial: TrialFiles) -> tuple[dict[str, float]
     try:
         runs = open_runs(trial.paths)
         robots = [robot_metrics(run) for run in runs]
-        return figures_of(fleet_metrics(runs, robots, trust_clocks=trust_clocks)), ""
+        return figures_of(fleet_metrics(runs, robots, clocks_of(runs, trusted=trust_clocks))), ""
     except HippomatError as error:
         return {}, str(error)
 

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from hippomat_core.errors import HippomatError
 from hippomat_logs.opened_run import group_runs
-from hippomat_logs.quick_look import draw
+from hippomat_logs.quick_look import PICTURES, draw
 from hippomat_logs.report import REPRODUCED
 
 
@@ -31,7 +31,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         out.mkdir(parents=True, exist_ok=True)
     for opened in runs:
         path = out if out is not None and len(runs) == 1 else (out or Path()) / f"{opened.name}.png"
-        if path.suffix.lower() not in (".png", ".pdf", ".svg"):
+        if path.suffix.lower() not in PICTURES:
             raise HippomatError(f"{path}: give a name that ends in .png, .pdf or .svg")
         console.print(f"{path}: {draw(opened, path, options.topic)}", markup=False)
     return REPRODUCED

@@ -178,7 +178,8 @@ def missing_row(story: FleetStory, seen: Decision, robot: int) -> str:
     if not told.covers(number):
         return f"{held}; robot {robot}'s log does not reach round {number}"
     if number not in told.sent:
-        return f"{held}; robot {robot} had no STATE on the air in round {number}"
+        but = ", as far as its log goes, which lost records" if told.lost else ""
+        return f"{held}; robot {robot} had no STATE on the air in round {number}{but}"
     sequence, on_air = told.sent[number]
     if not on_air:
         return f"{held}; robot {robot}'s radio gave up on its STATE of round {number} (sequence {sequence})"

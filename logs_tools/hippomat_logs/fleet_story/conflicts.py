@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
 
@@ -21,10 +22,21 @@ from hippomat_logs.fleet_story.story import FleetStory, fleet_story
 from hippomat_logs.fleet_story.values import Claim, Moment, Task
 from hippomat_logs.reader import Run
 
+Pair: TypeAlias = tuple[Claim, Claim]  # in the order of (round of the request, robot)
 DOUBLE_REQUEST = "double request"  # neither was confirmed when the second robot asked
 DOUBLE_CLAIM = "double claim"  # one was confirmed already
 DOUBLY_CONFIRMED = "both confirmed"  # at one instant: the promise is broken
 KINDS = (DOUBLE_REQUEST, DOUBLE_CLAIM, DOUBLY_CONFIRMED)
+
+
+@dataclass(frozen=True, slots=True)
+class GivenUp:
+    """A claim that its robot let go for another robot's: how long it was held and what was driven for it."""
+
+    robot: int
+    requested: int  # round
+    held_s: float
+    driven_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +57,7 @@ class Conflict:
     kept_by: int | None  # None: neither, or both claims are alive where the logs end
     ending: str
     rounds: int  # that both lived
-    detour_s: float  # that the claims which were given up had been held
-    detour_m: float  # and driven for
+    given_up: tuple[GivenUp, ...]  # what it cost
 
     @property
     def task(self) -> Task:
@@ -78,23 +89,61 @@ def conflicts_of(runs: Sequence[Run]) -> list[Conflict]:
 
 def conflicts_in(story: FleetStory) -> list[Conflict]:
     rerun, found = Rerun(story), []
-    for earlier, later in pairs_alive_at_once(story.claims):
+    pairs = pairs_alive_at_once(story.claims)
+    for earlier, later in [*pairs, *_seen_by_robots_alone(story, pairs)]:
         found.append(_conflict(story, rerun, earlier, later))
     return sorted(found, key=lambda one: (max(one.requested), one.task, one.robots))
 
 
-def pairs_alive_at_once(claims: Iterable[Claim]) -> list[tuple[Claim, Claim]]:
+def pairs_alive_at_once(claims: Iterable[Claim]) -> list[Pair]:
     """Claims of different robots on one task that share a round end, in the order of their requests."""
     by_task: dict[Task, list[Claim]] = {}
     for claim in claims:
         by_task.setdefault(claim.task, []).append(claim)
     pairs = []
     for several in by_task.values():
-        several.sort(key=lambda claim: (claim.requested.round, claim.robot))
+        several.sort(key=_order)
         for earlier, later in combinations(several, 2):
             if earlier.robot != later.robot and earlier.alive_in(later.requested.round):
                 pairs.append((earlier, later))
     return pairs
+
+
+def _seen_by_robots_alone(story: FleetStory, known: Sequence[Pair]) -> list[Pair]:
+    """Conflicts that a robot noticed, where one of the two counted rounds alone and so counted others."""
+    told = {(id(earlier), id(later)) for earlier, later in known}
+    found = []
+    for story_of in story.robots.values():
+        for at, seen in story_of.conflicts:
+            task = seen.slot, seen.generation
+            mine = _last_before(story_of.claims, task, at)
+            others = story.robots.get(seen.other)
+            theirs = None if others is None else _nearest(others.claims, task, at)
+            if mine is None or theirs is None or (_is_common(mine) and _is_common(theirs)):
+                continue
+            earlier, later = sorted((mine, theirs), key=_order)
+            if (id(earlier), id(later)) not in told:
+                told.add((id(earlier), id(later)))
+                found.append((earlier, later))
+    return found
+
+
+def _order(claim: Claim) -> tuple[int, int]:
+    return claim.requested.round, claim.robot
+
+
+def _is_common(claim: Claim) -> bool:
+    return claim.decision is not None and claim.decision.common
+
+
+def _last_before(claims: Iterable[Claim], task: Task, at: Moment) -> Claim | None:
+    on_task = [claim for claim in claims if claim.task == task and claim.requested.record < at.record]
+    return on_task[-1] if on_task else None
+
+
+def _nearest(claims: Iterable[Claim], task: Task, at: Moment) -> Claim | None:
+    on_task = [claim for claim in claims if claim.task == task]
+    return min(on_task, key=lambda claim: abs(claim.requested.round - at.round), default=None)
 
 
 def one_sided(story: FleetStory) -> list[OneSided]:
@@ -113,6 +162,12 @@ def conflict_free_rate(claims: Iterable[Claim]) -> float:
     for claim in claims:
         robots.setdefault(claim.task, set()).add(claim.robot)
     return sum(len(who) == 1 for who in robots.values()) / len(robots) if robots else float("nan")
+
+
+def price(conflicts: Iterable[Conflict]) -> tuple[float, float]:
+    """Seconds held and metres driven for claims that were given up, each once, however many opposed it."""
+    claims = {claim for one in conflicts for claim in one.given_up}
+    return sum(claim.held_s for claim in claims), sum(claim.driven_m for claim in claims)
 
 
 def promise_holds(story: FleetStory) -> bool:
@@ -139,8 +194,7 @@ def _conflict(story: FleetStory, rerun: Rerun, earlier: Claim, later: Claim) -> 
         kept_by=kept_by,
         ending=ending,
         rounds=_rounds_together(story, earlier, later),
-        detour_s=sum(_held_s(claim) for claim in losers),
-        detour_m=sum(claim.driven_m for claim in losers),
+        given_up=tuple(_given_up(claim) for claim in losers),
     )
 
 
@@ -195,9 +249,10 @@ def _rounds_together(story: FleetStory, earlier: Claim, later: Claim) -> int:
     return max(1, min(ends) - later.requested.round)
 
 
-def _held_s(claim: Claim) -> float:
+def _given_up(claim: Claim) -> GivenUp:
     assert claim.ended is not None
-    return (claim.ended.log_time_ns - claim.requested.log_time_ns) / 1e9
+    held_s = (claim.ended.log_time_ns - claim.requested.log_time_ns) / 1e9
+    return GivenUp(claim.robot, claim.requested.round, held_s, claim.driven_m)
 
 
 def _guesses(story: FleetStory, earlier: Claim, later: Claim) -> Iterable[tuple[int, str]]:

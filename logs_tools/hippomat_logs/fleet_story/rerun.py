@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from hippomat_core.allocation.factory import POLICIES, make_allocator
 from hippomat_core.allocation.port import Allocator, Problem
-from hippomat_core.errors import HippomatError
 from hippomat_core.fleet.rows import is_available, is_busy
 from hippomat_core.wire.frames import (
     CLAIMED,
@@ -82,10 +81,7 @@ class Rerun:
     def _allocator(self, seen: Decision) -> Allocator:
         if seen.robot not in self._allocators:
             fleet, policy = self._story.config(seen.robot).fleet, self._story.policy(seen.robot)
-            try:
-                made = make_allocator(seen.decided.allocator, policy or None, fleet.size, fleet.task_slots)
-            except ValueError as error:
-                raise HippomatError(f"robot {seen.robot}'s allocator cannot be made again: {error}") from None
+            made = make_allocator(seen.decided.allocator, policy or None, fleet.size, fleet.task_slots)
             self._allocators[seen.robot] = made
         return self._allocators[seen.robot]
 

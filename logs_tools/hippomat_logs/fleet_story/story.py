@@ -18,7 +18,7 @@ from hippomat_core.maps.map_event import grid_in
 from hippomat_core.planning.ground import ground_of
 from hippomat_logs.each_file import progress_bar
 from hippomat_logs.fleet_story.reading import KINDS, Keep, RobotReading, requests_only
-from hippomat_logs.fleet_story.values import NO_ROUND, Claim, RobotStory, Task
+from hippomat_logs.fleet_story.values import NO_ROUND, Claim, RobotStory
 from hippomat_logs.reader import Run
 
 _STEP = 2000  # records between two moves of the progress bar
@@ -57,11 +57,6 @@ class FleetStory:
 
     def policy(self, robot: int) -> bytes:
         return self.runs[robot][0].policy
-
-    def tasks(self) -> list[Task]:
-        """Every task that any robot knew of."""
-        known = {(t.slot, t.generation) for story in self.robots.values() for _, t in story.turned}
-        return sorted(known | {claim.task for claim in self.claims})
 
 
 def fleet_story(
@@ -112,10 +107,12 @@ def _one_fleet(runs: Sequence[Run]) -> tuple[int, int]:
 
 def _read(run: Run, keep: Keep, said_in: Sequence[int], advance: Progress) -> RobotStory:
     reading = RobotReading(run.robot, run.config, keep, said_in)
-    for count, record in enumerate(run.records_in_order(KINDS)):
+    done = 0
+    for record in run.records_in_order(KINDS):
         reading.feed(record)
-        if count % _STEP == 0:
-            advance(_STEP)
+        if record.number - done >= _STEP:
+            advance(record.number - done)
+            done = record.number
     story = reading.result()
     story.lost, story.recovered = list(run.lost), run.recovered
     return story

@@ -4,7 +4,7 @@
 defines every figure.
 """
 
-from hippomat_logs.metrics.fleet import FleetMetrics, fleet_metrics, robot_metrics, run_metrics
+from hippomat_logs.metrics.fleet import FleetMetrics, clocks_of, fleet_metrics, robot_metrics, run_metrics
 from hippomat_logs.metrics.latency import LatencyMetrics
 from hippomat_logs.metrics.links import LinkMetrics
 from hippomat_logs.metrics.machines import ComputerMetrics
@@ -22,6 +22,7 @@ __all__ = [
     "RobotMetrics",
     "Samples",
     "Task",
+    "clocks_of",
     "fleet_metrics",
     "quantiles",
     "robot_metrics",

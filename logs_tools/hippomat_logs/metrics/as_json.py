@@ -11,6 +11,7 @@ from hippomat_logs.metrics.figures import figures_of
 from hippomat_logs.metrics.fleet import FleetMetrics
 from hippomat_logs.metrics.robot import RobotMetrics
 from hippomat_logs.metrics.samples import Samples
+from hippomat_logs.metrics.truth import TruthMetrics
 
 _LEFT_OUT = ("path", "requested", "confirmed", "seen", "passages")
 
@@ -40,6 +41,19 @@ def fleet_as_json(metrics: FleetMetrics) -> dict[str, Any]:
 def _robot(robot: RobotMetrics) -> dict[str, Any]:
     facts = {f.name: getattr(robot, f.name) for f in dataclasses.fields(robot) if f.name not in _LEFT_OUT}
     return {**facts, "travel_cost_s": robot.travel_cost_s, "travel_time_s": robot.travel_time_s}
+
+
+def truth_as_json(truth: TruthMetrics) -> dict[str, Any]:
+    """Figures of the errors instead of every one of them."""
+    robots = []
+    for one in truth.robots:
+        facts = {f.name: getattr(one, f.name) for f in dataclasses.fields(one) if f.name != "errors_m"}
+        shares = {"median_m": 0.5, "percentile_95_m": 0.95, "most_m": 1.0}
+        robots.append(
+            {**facts, "ate_m": one.ate_m, **{name: one.quantile_m(q) for name, q in shares.items()}}
+        )
+    made: dict[str, Any] = plain({"match": truth.match, "nearest": truth.nearest, "robots": robots})
+    return made
 
 
 def plain(value: Any) -> Any:

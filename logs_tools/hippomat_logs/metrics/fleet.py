@@ -128,20 +128,37 @@ class FleetMetrics:
         return direct, relayed, sum(link.rows_late for link in links)
 
 
+@dataclass(frozen=True, slots=True)
+class Clocks:
+    """How the logs of a fleet are put on one time; `text` says so."""
+
+    alignment: Alignment
+    text: str
+
+
 def run_metrics(paths: Sequence[Path]) -> FleetMetrics:
     """Metrics of the runs in these logs or directories of logs; raises LogError for a damaged one."""
     runs = open_runs([Path(path) for path in paths])
-    return fleet_metrics(runs, [robot_metrics(run) for run in runs])
+    return fleet_metrics(runs, [robot_metrics(run) for run in runs], clocks_of(runs))
 
 
-def fleet_metrics(
-    runs: Sequence[Run], robots: Sequence[RobotMetrics], *, trust_clocks: bool = False
-) -> FleetMetrics:
-    """The robots' figures, one for each run, on one clock: by the frames they heard of each other.
+def clocks_of(runs: Sequence[Run], *, trusted: bool = False) -> Clocks:
+    """By the frames that the robots heard of each other; by their wall clocks where that cannot be."""
+    if len(runs) < 2 or trusted:
+        return Clocks(Alignment.trusting(runs), "the robots' wall clocks, trusted" if len(runs) > 1 else "")
+    try:
+        alignment = align_runs(runs)
+    except LogError:
+        raise
+    except HippomatError:
+        return Clocks(Alignment.trusting(runs), "the robots' wall clocks: no radio traffic links all of them")
+    unsure_ms = max(clock.uncertainty_ns for clock in alignment.clocks) / 1e6
+    return Clocks(alignment, f"one clock by the frames they heard of each other, within {unsure_ms:.1f} ms")
 
-    Robots that heard nothing of each other keep their own wall clocks; `clocks` says so.
-    """
-    alignment, clocks = _aligned(runs, trust_clocks)
+
+def fleet_metrics(runs: Sequence[Run], robots: Sequence[RobotMetrics], clocks: Clocks) -> FleetMetrics:
+    """The robots' figures, one for each run, on one clock."""
+    alignment = clocks.alignment
 
     def common_ns(place: int, times_ns: Times) -> Times:
         return alignment.common_ns_array(runs[place], times_ns)
@@ -151,20 +168,7 @@ def fleet_metrics(
 
     moved = [robot.moved(common_s(run)) for run, robot in zip(runs, robots, strict=True)]
     latencies = whole_latencies([(robot.robot, robot.passages) for robot in moved], common_ns)
-    return FleetMetrics(moved, runs[0].config if runs else None, clocks, latencies)
-
-
-def _aligned(runs: Sequence[Run], trust_clocks: bool) -> tuple[Alignment, str]:
-    if len(runs) < 2 or trust_clocks:
-        return Alignment.trusting(runs), "the robots' wall clocks, trusted" if len(runs) > 1 else ""
-    try:
-        alignment = align_runs(runs)
-    except LogError:
-        raise
-    except HippomatError:
-        return Alignment.trusting(runs), "the robots' wall clocks: no radio traffic links all of them"
-    unsure_ms = max(clock.uncertainty_ns for clock in alignment.clocks) / 1e6
-    return alignment, f"one clock by the frames they heard of each other, within {unsure_ms:.1f} ms"
+    return FleetMetrics(moved, runs[0].config if runs else None, clocks.text, latencies)
 
 
 def robot_metrics(run: Run) -> RobotMetrics:

@@ -15,7 +15,9 @@ from hippomat_logs.metrics.figures import NONE, mean, most, number
 from hippomat_logs.metrics.fleet import FleetMetrics
 from hippomat_logs.metrics.links import LinkMetrics
 from hippomat_logs.metrics.robot import RobotMetrics
+from hippomat_logs.metrics.same_motion import Rigid
 from hippomat_logs.metrics.samples import Samples, quantiles, together
+from hippomat_logs.metrics.truth import PoseErrors, TruthMetrics
 
 TICKS_PER_S = 20
 _BAD_COUNTERS = ("dropped", "send_failed", "replaced")
@@ -170,6 +172,44 @@ def _pairs(metrics: FleetMetrics, cell: Callable[[int, int], str]) -> Table:
         cells = ("" if sender == to else cell(sender, to) for to in receivers)
         table.add_row("operator" if sender == OPERATOR else str(sender), *cells)
     return table
+
+
+def truth_table(truth: TruthMetrics) -> Table:
+    """One row per robot and one for all."""
+    columns = ("error", "median\n[m]", "95 %\n[m]", "max\n[m]", "ATE\n[m]", "yaw\n[deg]", "RPE 1 s\n[m]")
+    table = _table(*columns, "RPE 1 s\n[deg]", "driven\n[m]", "place\nknown")
+    for one in truth.robots:
+        table.add_row(f"robot {one.robot}", *_error_cells(one))
+    if len(truth.robots) > 1:
+        table.add_row("fleet", *_error_cells(truth.together()), style="bold")
+    return table
+
+
+def _error_cells(one: PoseErrors) -> list[str]:
+    sizes = [number(one.quantile_m(share), 3) for share in (0.5, 0.95, 1.0)]
+    errors = [number(one.ate_m, 3), number(one.yaw_deg, 1), number(one.rpe_m, 3), number(one.rpe_deg, 1)]
+    return [*sizes, *errors, number(one.driven_m, 1), f"{number(100 * one.known, 1)} %"]
+
+
+def truth_lines(truth: TruthMetrics) -> Iterator[str]:
+    """How the truth was put beside the logs, and what only it can say."""
+    found, frame = truth.match, truth.match.frame
+    if math.isnan(found.correlation):
+        yield "the truth is the simulator's: its clock and its frame are the robots'"
+    else:
+        alike = f"speeds correlate {found.correlation:.2f}"
+        yield f"clock of the truth: {found.offset_s:+.3f} s makes it the logs'; {alike}"
+        if frame == Rigid():
+            yield "frame of the truth: taken as the map's"
+        else:
+            turned = f"turned by {math.degrees(frame.yaw_rad):.2f} deg, shifted by"
+            yield f"frame of the truth: {turned} ({frame.x_m:.3f}, {frame.y_m:.3f}) m, which fits best"
+    if truth.nearest is not None:
+        a, b = truth.nearest.robots
+        how = (
+            f"{100 * truth.nearest.clear_m:.0f} cm between their discs, {truth.nearest.time_s:.1f} s into it"
+        )
+        yield f"nearest: robots {a} and {b}, {how}"
 
 
 def name_of(robot: int) -> str:

@@ -133,7 +133,7 @@ def _latex_table(grid: Grid, keys: int) -> str:
         rf"  \caption{{{latex_text(grid.caption[0].upper() + grid.caption[1:])}.}}",
         rf"  \begin{{tabular}}{{{'l' * keys}{'r' * (len(grid.header) - keys)}}}",
         r"    \toprule",
-        row(grid.header, latex_text),
+        row([*grid.header[:keys], *map(_two_lines, grid.header[keys:])], str),
         r"    \midrule",
         *(row(cells, _latex_number) for cells in grid.rows),
         r"    \bottomrule",
@@ -142,6 +142,17 @@ def _latex_table(grid: Grid, keys: int) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def _two_lines(title: str) -> str:
+    """Long column heads would make the table wider than a page."""
+    words = title.split()
+    if len(words) < 2 or len(title) < 12:
+        return latex_text(title)
+    breaks = range(1, len(words))
+    at = min(breaks, key=lambda k: max(len(" ".join(words[:k])), len(" ".join(words[k:]))))
+    above, below = latex_text(" ".join(words[:at])), latex_text(" ".join(words[at:]))
+    return rf"\shortstack{{{above}\\{below}}}"
 
 
 _LATEX = {

@@ -104,14 +104,17 @@ def find_trials(paths: Sequence[Path], by: str = BY_TIME) -> Found:
     files = dict.fromkeys(file for path in paths for file in log_files(path))
     sources: list[Source] = []
     damaged: list[str] = []
+    foreign: list[str] = []
     for file in files:
         try:
             sources.append(open_source(file))
         except LogError as error:
             damaged.append(str(error))
+        except HippomatError as error:
+            foreign.append(str(error))
     opened = group_opened(sources)
     runs = [_logged(one) for one in opened if one.manifest]
-    foreign = [f"{one.sources[0].path}: not a robot's log of ours" for one in opened if not one.manifest]
+    foreign += [f"{one.sources[0].path}: not a robot's log of ours" for one in opened if not one.manifest]
     root = _root(paths)
     groups = _by_directory(runs, paths) if by == BY_DIRECTORY else _by_time(runs, root)
     return Found(_named(groups, root), foreign, damaged)

@@ -1,0 +1,189 @@
+"""hippomat-replay --closed-loop, --allocator, --policy: what is asked, what is done, and the exit code.
+
+Exit codes: 0 done; 1 tool or usage error; 2 (only --strict) a recorded value lies beyond all re-runs; 3 a
+damaged log.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from hippomat_core.errors import ConfigError
+from hippomat_logs.closed_loop import show
+from hippomat_logs.closed_loop.choice import Choice, other_choice
+from hippomat_logs.closed_loop.figures import (
+    Distribution,
+    PairedDifference,
+    Values,
+    as_json,
+    distributions,
+    paired_differences,
+    values_of,
+)
+from hippomat_logs.closed_loop.open_loop import OpenLoop, open_loop
+from hippomat_logs.closed_loop.plan import RECORDED, parse_air
+from hippomat_logs.closed_loop.recorded import Recording, read_recording
+from hippomat_logs.closed_loop.rerun import fleet_world, rerun_all
+from hippomat_logs.metrics import FleetMetrics, robot_metrics
+from hippomat_logs.reader import Run
+from hippomat_logs.report import DIVERGED, REPRODUCED
+
+SEEDS = 20
+MAX_SEEDS = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class ClosedLoop:
+    """What the re-runs gave. others, differences: of the other allocator, where one was asked for."""
+
+    seeds: list[int]
+    radio: str
+    allocator: str
+    recorded: Values
+    reruns: list[Values]
+    distributions: list[Distribution]
+    other: Choice | None = None
+    others: list[Values] = field(default_factory=list)
+    differences: list[PairedDifference] = field(default_factory=list)
+
+    def as_json(self) -> dict[str, Any]:
+        found: dict[str, Any] = {
+            "radio": self.radio,
+            "seeds": self.seeds,
+            "allocator": self.allocator,
+            "recorded": as_json(self.recorded),
+            "reruns": [as_json(values) for values in self.reruns],
+            "percentiles": as_json({one.figure.key: one.percentile for one in self.distributions}),
+            "beyond_all_reruns": [one.figure.key for one in self.distributions if one.outside],
+        }
+        if self.other is not None:
+            found["other"] = {
+                "allocator": self.other.text,
+                "reruns": [as_json(values) for values in self.others],
+                "differences": {one.figure.key: _difference(one) for one in self.differences},
+            }
+        return found
+
+
+def _difference(one: PairedDifference) -> dict[str, Any]:
+    numbers = {key: value for key, value in asdict(one).items() if isinstance(value, float)}
+    return {"pairs": one.pairs, **as_json(numbers), "distinguishable": one.distinguishable}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("level L4 and counterfactuals, of the logs of a whole fleet")
+    add = group.add_argument
+    add(
+        "--closed-loop",
+        action="store_true",
+        help="level L4: the fleet again in simulation, with the recorded tasks, map, starts and radio",
+    )
+    add("--seeds", type=int, metavar="N", help=f"how many re-runs, for what was not recorded ({SEEDS})")
+    add("--radio", metavar="HOW", help="of the re-runs: recorded (default), ideal, or loss=P")
+    add("--allocator", metavar="NAME", help="and what if the robots decided by this one?")
+    add("--policy", type=Path, metavar="FILE", help="the same with these weights (safetensors)")
+    add("--pictures", type=Path, metavar="DIR", help="draw the distributions there (needs hippomat[viz])")
+
+
+def is_wanted(options: argparse.Namespace) -> bool:
+    """Raises ConfigError for options that need another one."""
+    if not options.closed_loop:
+        for name in ("seeds", "radio", "pictures"):
+            if getattr(options, name) is not None:
+                raise ConfigError(f"--{name} is of re-runs: give --closed-loop too")
+    return bool(options.closed_loop or options.allocator is not None or options.policy is not None)
+
+
+def run(runs: list[Run], options: argparse.Namespace, console: Console) -> int:
+    """The exit code."""
+    seeds = _seeds(options.seeds)
+    air = parse_air(options.radio or RECORDED)
+    if options.closed_loop:
+        fleet_world()  # before minutes of reading
+        if options.pictures is not None:
+            from hippomat_logs.closed_loop.picture import require_matplotlib
+
+            require_matplotlib()
+    recording = read_recording(runs, air)
+    other = None
+    if options.allocator is not None or options.policy is not None:
+        other = other_choice(recording.plan.robots[0].config, options.allocator, options.policy)
+    opened = open_loop(recording.runs, other) if other is not None else None
+    closed = _closed_loop(recording, seeds, other) if options.closed_loop else None
+    if options.json:
+        print(json.dumps(_report(recording, opened, closed), indent=2))
+    else:
+        show.notes(recording.notes, console)
+        if opened is not None and other is not None:
+            show.opened(opened, _allocator(recording), other.text, console)
+        if closed is not None:
+            show.closed(closed, console)
+    if closed is not None and options.pictures is not None:
+        from hippomat_logs.closed_loop.picture import draw
+
+        for path in draw(closed, options.pictures):
+            if not options.json:
+                console.print(f"picture: {path}", markup=False)
+    beyond = closed is not None and any(one.outside for one in closed.distributions)
+    return DIVERGED if beyond and options.strict else REPRODUCED
+
+
+def _seeds(count: int | None) -> list[int]:
+    count = SEEDS if count is None else count
+    if not 1 <= count <= MAX_SEEDS:
+        raise ConfigError(f"--seeds {count} is outside 1 .. {MAX_SEEDS}")
+    return list(range(1, count + 1))
+
+
+def _closed_loop(recording: Recording, seeds: list[int], other: Choice | None) -> ClosedLoop:
+    plan = recording.plan
+    plans = [plan] if other is None else [plan, other.plan(plan)]
+    found = rerun_all(plans, seeds, f"{len(seeds)} re-runs of {plan.seconds:.0f} s")
+    recorded = values_of(recorded_metrics(recording))
+    closed = ClosedLoop(
+        seeds, plan.air.text, _allocator(recording), recorded, found[0], distributions(found[0], recorded)
+    )
+    if other is None:
+        return closed
+    return replace(closed, other=other, others=found[1], differences=paired_differences(*found))
+
+
+def recorded_metrics(recording: Recording) -> FleetMetrics:
+    """Of the logs, all times on the fleet's common clock."""
+    robots = []
+    for run_ in recording.runs:
+
+        def common_s(at_s: float, run_: Run = run_) -> float:
+            return recording.alignment.common_ns(run_, round(at_s * 1e9)) / 1e9
+
+        robots.append(robot_metrics(run_).moved(common_s))
+    return FleetMetrics(robots)
+
+
+def _allocator(recording: Recording) -> str:
+    return recording.plan.robots[0].config.fleet.allocator
+
+
+def _report(recording: Recording, opened: OpenLoop | None, closed: ClosedLoop | None) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "robots": [run_.robot for run_ in recording.runs],
+        "notes": list(recording.notes),
+    }
+    if opened is not None:
+        found["open_loop"] = _without_nan(asdict(opened))
+    if closed is not None:
+        found["closed_loop"] = closed.as_json()
+    return found
+
+
+def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
+    return {
+        key: _without_nan(value) if isinstance(value, dict) else None if value != value else value
+        for key, value in values.items()
+    }

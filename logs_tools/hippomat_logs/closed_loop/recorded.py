@@ -1,0 +1,235 @@
+"""From a fleet's logs to the plan of its re-runs. Decides what can be re-run and what is said of the rest.
+
+Times of several logs are compared as their Alignment has them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hippomat_core import messages as m
+from hippomat_core.config import Config, RosConfig
+from hippomat_core.errors import HippomatError, LogError
+from hippomat_core.maps.map_event import grid_in
+from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.wire.frames import RELAY, STATE, STOP, TASKS
+from hippomat_logs.alignment import Alignment, align_runs
+from hippomat_logs.closed_loop.plan import RECORDED, Air, FleetPlan, Pose, RobotPlan, SenderDeliveries
+from hippomat_logs.column_table import NUMBER, table_of
+from hippomat_logs.radio_traffic import Traffic, traffic_of
+from hippomat_logs.reader import Run
+from hippomat_logs.schema import TOPICS, type_name
+
+Keys = NDArray[np.uint64]
+_HEARD_KINDS = {m.StateHeard: STATE, m.RelayHeard: RELAY, m.TasksHeard: TASKS, m.StopHeard: STOP}
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A fleet's logs, ready to be run again. notes: what the re-runs cannot have as it was."""
+
+    runs: tuple[Run, ...]
+    alignment: Alignment
+    plan: FleetPlan
+    notes: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class _Seen:
+    """What one pass over a log says."""
+
+    run: Run
+    config: Config
+    grid: OccupancyGrid | None = None
+    start: Pose | None = None
+    first_ns: int = 0
+    last_ns: int = 0
+    stopped: bool = False
+
+
+def read_recording(runs: Sequence[Run], air: Air) -> Recording:
+    """Raises HippomatError for logs that are no fleet that can be run again, LogError for damaged ones."""
+    notes: list[str] = []
+    robots = _robots(runs, notes)
+    seen = [_look(run) for run in robots]
+    first = seen[0]
+    grid, fleet = first.grid, first.config.fleet
+    if grid is None:
+        raise HippomatError(f"{first.run.name}: holds no map, so there is no world to run it again in")
+    for one in seen[1:]:
+        if one.grid != grid or (one.config.fleet.id, one.config.fleet.size) != (fleet.id, fleet.size):
+            raise HippomatError(
+                f"{one.run.name} has another map or fleet than {first.run.name}: give the logs of one fleet"
+            )
+    alignment = _aligned(robots, air, notes)
+    begins_ns = [alignment.common_ns(one.run, one.first_ns) for one in seen]
+    origin_ns = min(begins_ns)
+    plans = tuple(
+        _plan(
+            one, (begin_ns - origin_ns) / 1e9, (alignment.common_ns(one.run, one.last_ns) - origin_ns) / 1e9
+        )
+        for one, begin_ns in zip(seen, begins_ns, strict=True)
+    )
+    _note_what_differs(seen, fleet.size, notes)
+    if air.kind == RECORDED:
+        air = replace(air, deliveries=_deliveries(robots, alignment, origin_ns, fleet.size))
+    return Recording(tuple(robots), alignment, FleetPlan(grid, fleet.size, plans, air), tuple(notes))
+
+
+def _robots(runs: Sequence[Run], notes: list[str]) -> list[Run]:
+    """One run per robot; observers decide nothing and are left out."""
+    robots = [run for run in runs if run.robot >= 0]
+    if len(robots) < len(runs):
+        notes.append("an observer's log takes no part")
+    if not robots:
+        raise HippomatError("these are logs of observers: there is no robot to run again")
+    robot, count = Counter(run.robot for run in robots).most_common(1)[0]
+    if count > 1:
+        names = ", ".join(run.name for run in robots if run.robot == robot)
+        raise HippomatError(f"robot {robot} has {count} runs ({names}): give one run of each robot")
+    for run in robots:
+        config = run.config
+        if run.weights_lost:
+            raise LogError(
+                f"{run.name}: the weights that decided are lost: give another part of this run too"
+            )
+        if config.slam.mode == "map":
+            raise HippomatError(f"{run.name}: made a map, and decided nothing that could be run again")
+        if config.fleet.task_source != "continuous":
+            raise HippomatError(
+                f"{run.name}: its tasks came from an operator ([fleet] task_source = "
+                f"{config.fleet.task_source!r}), who is not in the re-runs"
+            )
+    return robots
+
+
+def _look(run: Run) -> _Seen:
+    seen = _Seen(run, run.config)
+    robot = seen.config.robot
+    if robot.start_known:
+        seen.start = robot.start_x_m, robot.start_y_m, robot.start_yaw_rad
+    from_ros = seen.config.ros.localizes
+    for record in run.records_in_order(
+        (m.Started, m.Tick, m.MapReceived, m.Localized, m.PoseEstimated, m.StopHeard)
+    ):
+        message = record.message
+        if isinstance(message, m.Started):
+            seen.first_ns = record.log_time_ns
+        elif isinstance(message, m.MapReceived):
+            seen.grid = grid_in(message)
+        elif isinstance(message, m.StopHeard):
+            seen.stopped = True
+        elif seen.start is None and (
+            (isinstance(message, m.Localized) and message.phase == "localized")
+            or (isinstance(message, m.PoseEstimated) and from_ros)
+        ):
+            seen.start = message.x_m, message.y_m, message.yaw_rad
+        seen.last_ns = record.log_time_ns
+    return seen
+
+
+def _plan(seen: _Seen, begins_s: float, ends_s: float) -> RobotPlan:
+    if seen.start is None:
+        raise HippomatError(
+            f"{seen.run.name}: never knew where it was, so it cannot be put there: leave its log out"
+        )
+    config = replace(seen.config, ros=RosConfig())
+    return RobotPlan(config, seen.run.policy or None, seen.start, begins_s, ends_s)
+
+
+def _note_what_differs(seen: Sequence[_Seen], size: int, notes: list[str]) -> None:
+    there = {one.run.robot for one in seen}
+    missing = [robot for robot in range(size) if robot not in there]
+    if missing:
+        names = ", ".join(map(str, missing))
+        notes.append(f"no log of robot {names}: the re-runs are without it, and so are its links")
+    for one in seen:
+        if one.stopped:
+            notes.append(f"robot {one.run.robot} heard a STOP or RESUME; nobody stops the re-runs")
+        if one.config.ros.url:
+            notes.append(f"robot {one.run.robot} ran behind ROS; again it has a simulated base and lidar")
+        if one.run.lost:
+            notes.append(f"robot {one.run.robot}'s log is lossy: {one.run.lost[0]}")
+
+
+def _aligned(runs: Sequence[Run], air: Air, notes: list[str]) -> Alignment:
+    try:
+        return align_runs(runs)
+    except LogError:
+        raise
+    except HippomatError as error:
+        if air.kind == RECORDED:
+            raise HippomatError(f"--radio recorded: {error}; or give --radio loss=P or ideal") from None
+        notes.append("the robots did not hear each other: their logs' own clocks are trusted")
+        return Alignment.trusting(runs)
+
+
+# ---- the air as it was --------------------------------------------------------------------------
+
+
+def _deliveries(
+    runs: Sequence[Run], alignment: Alignment, origin_ns: int, size: int
+) -> dict[int, SenderDeliveries]:
+    """By sender. A frame counts as sent if its sender's log says so, or anybody heard it."""
+    if alignment.traffic:
+        clocks = zip(alignment.clocks, alignment.traffic, strict=True)
+        traffic = {clock.robot: of_run for clock, of_run in clocks}
+    else:
+        traffic = {run.robot: traffic_of(run) for run in runs}
+    heard = {run.robot: np.unique(traffic[run.robot].heard.keys) for run in runs}
+    return {run.robot: _of_sender(run, runs, traffic, heard, alignment, origin_ns, size) for run in runs}
+
+
+def _of_sender(
+    run: Run,
+    runs: Sequence[Run],
+    traffic: dict[int, Traffic],
+    heard: dict[int, Keys],
+    alignment: Alignment,
+    origin_ns: int,
+    size: int,
+) -> SenderDeliveries:
+    sent = traffic[run.robot].sent
+    keys, times_ns = sent.keys, alignment.common_ns_array(run, sent.air_ns)
+    kinds = _kinds_sent(run, sent.numbers)
+    for other in runs:  # what the sender's own log does not have
+        frames = traffic[other.robot].heard
+        new = ((frames.keys >> np.uint64(56)) == run.robot) & ~np.isin(frames.keys, keys)
+        if new.any():
+            keys = np.concatenate([keys, frames.keys[new]])
+            times_ns = np.concatenate([times_ns, alignment.common_ns_array(other, frames.air_ns[new])])
+            kinds = np.concatenate([kinds, _kinds_heard(other, frames.numbers[new])])
+    keys, first = np.unique(keys, return_index=True)
+    order = np.argsort(times_ns[first], kind="stable")
+    keys, first = keys[order], first[order]
+    table = np.zeros((len(keys), size), np.bool_)
+    for receiver, known in heard.items():
+        table[:, receiver] = np.isin(keys, known)
+    return SenderDeliveries((times_ns[first] - origin_ns) // 1000, kinds[first], table)
+
+
+def _kinds_sent(run: Run, numbers: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """(n,) frame kinds of the FrameSent records with these numbers."""
+    topic = TOPICS[m.FrameSent]
+    times, found, payloads = list[int](), list[int](), list[bytes]()
+    for raw in run.raw_messages({topic}):
+        times.append(raw.log_time_ns)
+        found.append(raw.number)
+        payloads.append(raw.data)
+    if not found:
+        return np.empty(0, np.uint8)
+    table = table_of(topic, run.store.fields(type_name(m.FrameSent)), times, found, payloads)
+    kinds: NDArray[np.uint8] = table["kind"][np.searchsorted(table[NUMBER], numbers)].astype(np.uint8)
+    return kinds
+
+
+def _kinds_heard(run: Run, numbers: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """(n,) of records of heard frames."""
+    of_topic = {TOPICS[record]: kind for record, kind in _HEARD_KINDS.items()}
+    found = {raw.number: of_topic[raw.topic] for raw in run.raw_messages(of_topic)}
+    return np.array([found[number] for number in numbers.tolist()], np.uint8)

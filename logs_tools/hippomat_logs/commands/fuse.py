@@ -1,0 +1,99 @@
+"""hippomat-logs fuse: the logs of a fleet as one causal run, whatever their clocks say."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from rich.console import Console
+
+from hippomat_core.errors import HippomatError
+from hippomat_logs.alignment import Alignment, align_runs
+from hippomat_logs.alignment_report import alignment_lines, alignment_table, as_json, draw_alignment
+from hippomat_logs.causal_order import Held
+from hippomat_logs.each_file import progress_bar
+from hippomat_logs.fusing import fuse
+from hippomat_logs.log_writer import refuse_existing
+from hippomat_logs.quick_look import PICTURES, pyplot
+from hippomat_logs.reader import Run, open_runs
+from hippomat_logs.report import DAMAGED, REPRODUCED
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "paths", nargs="+", type=Path, metavar="LOG", help="logs of one fleet, or directories"
+    )
+    add = parser.add_argument
+    add("-o", "--out", type=Path, metavar="OUT.mcap", help="a new file; without it clocks are compared only")
+    add("--plot", type=Path, metavar="OUT.png", help="a picture of how late every frame was heard")
+    add(
+        "--reference", type=int, metavar="ID", help="the robot whose log time is common time (default: first)"
+    )
+    add("--trust-clocks", action="store_true", help="leave the wall clocks of all logs as they are")
+    add("--json", action="store_true", help="print JSON")
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    if options.reference is not None and options.trust_clocks:
+        raise HippomatError("--trust-clocks needs no --reference: every clock is left as it is")
+    if options.out is not None:
+        if options.out.suffix != ".mcap":
+            raise HippomatError(f"{options.out}: give a name that ends in .mcap")
+        refuse_existing(options.out)
+    if options.plot is not None:
+        if options.plot.suffix.lower() not in PICTURES:
+            raise HippomatError(f"{options.plot}: give a name that ends in {', '.join(PICTURES)}")
+        pyplot()  # before long work: is it installed?
+    with progress_bar() as bar:
+        task = bar.add_task("opening", total=None)
+        runs = open_runs(options.paths)
+        bar.update(task, description="comparing clocks", total=len(runs))
+        told = lambda _: bar.advance(task)  # noqa: E731
+        alignment = align_runs(
+            runs, reference=options.reference, trust_clocks=options.trust_clocks, progress=told
+        )
+        held = Held()
+        if options.out is not None:
+            bar.update(task, description="fusing", total=sum(run.records for run in runs), completed=0)
+            held = fuse(runs, alignment, options.out, lambda done: bar.update(task, completed=done))
+    if options.plot is not None:
+        draw_alignment(alignment, options.plot)
+    lost = [f"{run.name}: {line}" for run in runs for line in run.lost]
+    if options.json:
+        facts = {**as_json(alignment), "held_back": held.count, "held_back_most_ns": held.longest_ns}
+        print(json.dumps({**facts, "without_cause": held.broken, "lost": lost}, indent=2))
+    else:
+        _show(options, runs, alignment, held, lost, console)
+    return DAMAGED if lost else REPRODUCED
+
+
+def _show(
+    options: argparse.Namespace,
+    runs: list[Run],
+    alignment: Alignment,
+    held: Held,
+    lost: list[str],
+    console: Console,
+) -> None:
+    def line(text: str, style: str = "") -> None:
+        console.print(text, markup=False, style=style)
+
+    console.print(alignment_table(alignment))
+    for text in alignment_lines(alignment):
+        line(text)
+    if options.out is not None:
+        total = sum(run.records for run in runs)
+        size_mib = options.out.stat().st_size / 2**20
+        line(f"{options.out}: {total:,} records of {len(runs)} runs, {size_mib:.1f} MiB")
+        if held.count:
+            line(
+                f"{held.count:,} records stand up to {held.longest_ns / 1e6:.1f} ms late: their daemon noted "
+                "a frame before its sender's did"
+            )
+        if held.broken:
+            line(f"{held.broken} receptions stand before their sending: see docs/fuse.md", "yellow")
+    if options.plot is not None:
+        line(f"picture: {options.plot}")
+    for text in lost:
+        line(text, "yellow")

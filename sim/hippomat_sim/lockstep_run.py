@@ -1,0 +1,179 @@
+"""One simulated run in lockstep: the same world, devices, core and logs as with daemons, without real time.
+
+The logs' clock is the world's: it begins at CLOCK_NS, so that the same settings give the same files.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hippomat_core.config import Config
+from hippomat_core.errors import HippomatError
+from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_logs.direct_recorder import DirectRecorder
+from hippomat_logs.manifest import run_manifest
+from hippomat_logs.map_files import map_attachments
+from hippomat_logs.policy_files import naming, policy_name, policy_of
+from hippomat_sim.clock_errors import RIGHT
+from hippomat_sim.fleet_run import RunResult, write_truth
+from hippomat_sim.lockstep_fleet import FIRST_US, WORLD_NS, Computer, LockstepFleet
+from hippomat_sim.lockstep_robot import Recording
+from hippomat_sim.run_preparation import Prepared, prepared
+from hippomat_sim.run_settings import RunSettings
+from hippomat_sim.run_signals import Interrupts
+from hippomat_sim.views import View
+
+CLOCK_NS = 946_684_800 * 10**9  # 2000-01-01: no real run is taken for it
+STEP_US = 100_000
+_VIEW_PERIOD_S = 0.5
+
+
+class NoRecords:
+    """Nothing is kept."""
+
+    def event(self, event: object) -> None: ...
+    def effect(self, stamp_ns: int, effect: object) -> None: ...
+    def serial(self, stamp_ns: int, port: int, direction: int, phase: int, data: bytes) -> None: ...
+    def close(self) -> None: ...
+
+
+class LockstepRun:
+    """Use once: LockstepRun(settings, view).execute()."""
+
+    def __init__(self, settings: RunSettings, view: View) -> None:
+        self._prepared = prepared(settings)
+        self._view = view
+        fleet = self._prepared.config.fleet
+        self._policy = policy_of(fleet)
+        named = contextlib.nullcontext() if self._policy is None else naming(policy_name(fleet))
+        with named:
+            self.fleet = LockstepFleet(self._prepared.setup, self._computers(), self._recording)
+        self._to_carry = sorted(settings.carried, key=lambda one: one.at_s)
+        self._real_s = self._busy_s = 0.0
+        self.interrupted = 0
+
+    def execute(self) -> RunResult:
+        """Run to the end, or to Ctrl-C; logs are complete either way."""
+        begun_s, cpu_s = time.monotonic(), time.process_time()
+        with Interrupts() as interrupts:
+            try:
+                seconds = self._advance(interrupts)
+                self._real_s, self._busy_s = time.monotonic() - begun_s, time.process_time() - cpu_s
+            finally:
+                self.fleet.stop()
+                self._view.close()
+                self.fleet.close()
+        self.interrupted = interrupts.count
+        return self._result(seconds)
+
+    def _advance(self, interrupts: Interrupts) -> float:
+        fleet, wanted_s = self.fleet, self._prepared.settings.seconds
+        self._view.phase("preparing the robots", 0.0, 0.0)
+        fleet.advance(FIRST_US)
+        self._view.phase("running", FIRST_US / 1e6, wanted_s)
+        end_us, shown_s = FIRST_US + round(wanted_s * 1e6), -math.inf
+        while fleet.now_us < end_us and not interrupts.count:
+            fleet.advance(min(fleet.now_us + STEP_US, end_us))
+            while self._to_carry and (fleet.now_us - FIRST_US) / 1e6 >= self._to_carry[0].at_s:
+                one = self._to_carry.pop(0)
+                fleet.devices.carry(one.robot, one.pose)
+                self._view.note(f"robot {one.robot} was carried elsewhere")
+            if (now_s := time.monotonic()) - shown_s >= _VIEW_PERIOD_S:
+                shown_s = now_s
+                self._view.show(fleet.now_us / 1e6, fleet.devices)
+        return (fleet.now_us - FIRST_US) / 1e6
+
+    def _computers(self) -> list[Computer]:
+        config = self._prepared.config
+        return [
+            Computer(placed(config, robot, (x_m, y_m, yaw_rad)), self._policy)
+            for robot, (x_m, y_m, yaw_rad) in enumerate(self._prepared.starts.tolist())
+        ]
+
+    def _recording(self, computer: Computer, stamp_ns: int) -> Recording:
+        if not self._prepared.settings.record_logs:
+            return NoRecords()
+        robot, settings = computer.config.robot.id, self._prepared.settings
+        directory = settings.out / "logs" / f"robot{robot}"
+        session = f"{settings.seed & 0xFFFFFF:06x}{robot:02x}"
+        try:
+            return log_of(computer, self._prepared.grid, directory, stamp_ns, session)
+        except OSError as error:
+            raise HippomatError(f"cannot record into {directory}: {error.strerror or error}") from None
+
+    def _result(self, seconds: float) -> RunResult:
+        result = run_result(self._prepared, self.fleet, seconds, self._real_s, self._busy_s)
+        if self._prepared.settings.record_truth:
+            write_truth(result)
+        return result
+
+
+def placed(config: Config, robot: int, start: tuple[float, float, float]) -> Config:
+    """The fleet's configuration as that robot has it, which knows where it starts (map frame)."""
+    x_m, y_m, yaw_rad = start
+    own = replace(
+        config.robot, id=robot, start_x_m=x_m, start_y_m=y_m, start_yaw_rad=yaw_rad, start_known=True
+    )
+    return replace(config, robot=own)
+
+
+def log_of(
+    computer: Computer, grid: OccupancyGrid, directory: Path, stamp_ns: int, session_id: str
+) -> DirectRecorder:
+    """A log like a daemon's. Nothing in it tells this machine's name, boot or time."""
+    policy = computer.policy
+    manifest = run_manifest(
+        computer.config,
+        session_id=session_id,
+        map_hash=grid.hash(),
+        policy=policy,
+        extra={
+            "boot_id": "lockstep",
+            "host": "lockstep simulation",
+            "command": "hippomat-sim run --lockstep",
+        },
+    )
+    return DirectRecorder(
+        directory,
+        manifest,
+        config=computer.config,
+        wall_ns=CLOCK_NS + stamp_ns - WORLD_NS,
+        stamp_ns=stamp_ns,
+        policy=policy or b"",
+        files=map_attachments(grid),
+    )
+
+
+def run_result(
+    run: Prepared, fleet: LockstepFleet, seconds: float, real_s: float, busy_s: float
+) -> RunResult:
+    """What the run left behind."""
+    settings, devices = run.settings, fleet.devices
+    times = np.array([time_us for time_us, _, _ in devices.truth], dtype=np.int64)
+    poses = np.array([poses for _, poses, _ in devices.truth]).reshape(-1, settings.robots, 3)
+    return RunResult(
+        settings.out,
+        settings.map_yaml,
+        run.grid,
+        run.config,
+        tuple(settings.out / "logs" / f"robot{robot}" for robot in range(settings.robots)),
+        run.starts,
+        times,
+        poses,
+        WORLD_NS,
+        (RIGHT,) * settings.robots,
+        seconds,
+        tuple(devices.world.contacts),
+        tuple(devices.medium.counts),
+        tuple(heard.served for heard in devices.ear.robots),
+        (),
+        0.0,
+        busy_s / max(real_s, 1e-9),
+        real_s,
+    )

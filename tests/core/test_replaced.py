@@ -1,0 +1,67 @@
+"""The core's fast replace() does what dataclasses.replace() does."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hippomat_core.replaced import replace
+
+
+@dataclass(frozen=True, slots=True)
+class Plain:
+    a: int
+    b: str = "b"
+    c: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    a: int
+
+    def __post_init__(self) -> None:
+        if self.a < 0:
+            raise ValueError("a < 0")
+
+
+@dataclass(frozen=True)
+class WithoutSlots:
+    a: int = 1
+    b: int = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Derived:
+    a: int
+    twice: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "twice", 2 * self.a)
+
+
+CHANGES = st.fixed_dictionaries(
+    {}, optional={"a": st.integers(), "b": st.text(), "c": st.tuples(st.integers())}
+)
+
+
+@given(changes=CHANGES)
+def test_it_makes_what_dataclasses_makes_and_leaves_the_old_one(changes: dict[str, object]) -> None:
+    old = Plain(1, "x", (3,))
+    assert replace(old, **changes) == dataclasses.replace(old, **changes)  # type: ignore[arg-type]
+    assert old == Plain(1, "x", (3,))
+
+
+def test_a_class_that_checks_or_computes_at_its_making_still_does() -> None:
+    with pytest.raises(ValueError, match="a < 0"):
+        replace(Checked(1), a=-1)
+    assert replace(Derived(1), a=4).twice == 8
+
+
+def test_a_class_without_slots_and_an_unknown_field() -> None:
+    assert replace(WithoutSlots(), b=5) == WithoutSlots(1, 5)
+    with pytest.raises((TypeError, KeyError)):
+        replace(Plain(1), d=1)  # type: ignore[call-arg]
