@@ -10,7 +10,7 @@ SOURCES := pyproject.toml constraints.txt
 export HIPPOMAT_DATA ?= $(abspath ../shared/data)
 LIDAR := $(HIPPOMAT_DATA)/lidar
 
-.PHONY: demo test lint check bench results fuzz torture firmware-native idf-check format clean
+.PHONY: demo test lint check bench results fuzz torture golden firmware-native idf-check format clean
 
 demo: $(VENV)/.sim
 	$(BIN)/hippomat-sim demo
@@ -37,6 +37,7 @@ bench: $(VENV)/.dev
 	run $(BIN)/hippomat-bench slam $(LIDAR)/intel_raw_odometry.log.gz --relations $(LIDAR)/intel.relations \
 	  --between $(LIDAR)/intel.gfs.log.gz --time-offset 976052857.337284; \
 	run $(BIN)/hippomat-bench logs; \
+	run $(BIN)/hippomat-bench replay; \
 	exit $$code
 
 # docs/results.md, its CSV and its pictures: trains what is missing in build/runs (the paper's networks for one fleet
@@ -53,6 +54,10 @@ fuzz: $(VENV)/.dev
 # 1,000 cut logs, 1,000 flipped bits, 50 kills, 100 pulled plugs, a full disk: what is left of the log (10 minutes).
 torture: $(VENV)/.dev
 	PYTHONPATH=tests $(BIN)/python tests/logs/torture.py
+
+# tests/golden/runs recorded anew, where the log's format changed: make golden REASON='...' (docs/replay.md).
+golden: $(VENV)/.dev
+	$(BIN)/python tests/golden/record_runs.py --reason "$(REASON)"
 
 # The tests of `pio test -e native`, where PlatformIO cannot fetch its test framework.
 FIRMWARE := esp32_firmware

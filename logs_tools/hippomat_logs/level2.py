@@ -16,7 +16,7 @@ import numpy as np
 
 from hippomat_core import messages as m
 from hippomat_core.config import Config
-from hippomat_core.step import initial_state, step
+from hippomat_core.step import State, step
 from hippomat_logs.reader import Record
 from hippomat_logs.report import FAILED, OK, Divergence, LevelResult
 from hippomat_logs.schema import EFFECTS, EVENTS, TOPICS, MessageStore, differences
@@ -68,15 +68,17 @@ class DecisionReplay:
     def __init__(
         self,
         config: Config,
-        policy: bytes | None,
+        state: State,
         store: MessageStore,
         exact: bool,
         started_ns: int,
         wall_offset_ns: int,
+        compared_from: int = 0,
     ) -> None:
-        self._state = initial_state(config, policy)
+        """compared_from: a record's number; effects of earlier events were not kept."""
+        self._state, self._compared_from = state, compared_from
         self._robot = config.robot.id
-        self._decides = config.robot.id >= 0 and config.slam.mode != "map"
+        self._decides = config.robot.id >= 0 and config.slam.mode != "map" and not compared_from
         self._started_ns, self._offset_ns = started_ns, wall_offset_ns
         self._compare = EffectComparison(store, exact)
         self._pending: Iterator[m.Effect] = iter(())
@@ -120,7 +122,7 @@ class DecisionReplay:
         status = OK if self.divergence is None and self._decisions else FAILED
         if self.divergence is None and not self._decisions:
             if self._effects and not self._decides:
-                status = OK  # an observer, or who makes a map, decides nothing; its effects were compared
+                status = OK  # an observer, who makes a map, or a clip: its effects were compared
             else:
                 detail += ": nothing was compared, which is a failure"
         return LevelResult("L2", status, self._decisions, "decisions", detail, self._notes, self.divergence)
@@ -135,7 +137,7 @@ class DecisionReplay:
             effects = ()
             found = f"{type(error).__name__}: {error}"
             self._diverge(record, type(record.message).__name__, "an event", found)
-        self._pending = iter(effects)
+        self._pending = iter(effects if record.number >= self._compared_from else ())
 
     def _effect(self, record: Record) -> None:
         replayed = next(self._pending, None)

@@ -33,9 +33,11 @@ class Output(Protocol):
 class McapWriter:
     """flush() closes the chunk and hands everything on to the output; after an OSError abandon the writer."""
 
-    def __init__(self, output: Output, profile: str, library: str, chunk_bytes: int) -> None:
+    def __init__(
+        self, output: Output, profile: str, library: str, chunk_bytes: int, level: int = LEVEL
+    ) -> None:
         self._output, self._chunk_bytes = output, chunk_bytes
-        self._compressor = zstandard.ZstdCompressor(level=LEVEL)
+        self._compressor = zstandard.ZstdCompressor(level=level)
         self._crc = 0
         self._descriptions: list[tuple[int, bytes]] = []  # schemas and channels, for the summary
         self._chunk: list[bytes] = []

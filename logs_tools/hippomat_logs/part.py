@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
-from hippomat_logs.mcap_writer import McapWriter
+from hippomat_logs.mcap_writer import LEVEL, McapWriter
 from hippomat_logs.schema import DERIVED, LATCHED, TOPICS, MessageStore, type_name
 from hippomat_logs.sink import Sink
 
@@ -97,9 +97,10 @@ class PartWriter:
         manifest: Mapping[str, str],
         channels: Sequence[ChannelSpec],
         attachments: Mapping[str, bytes],
+        level: int = LEVEL,
     ) -> None:
         self.sink = sink
-        self._writer = McapWriter(sink, "ros2", f"hippomat {package_version()}", CHUNK_BYTES)
+        self._writer = McapWriter(sink, "ros2", f"hippomat {package_version()}", CHUNK_BYTES, level)
         for _ in range(2):  # nothing can be read without it, so one copy may be damaged
             self._add_facts(RUN_METADATA, {**manifest, CHANNELS_KEY: channels_crc32(channels)})
         wall_ns = int(manifest.get("started_ns", "0")) + int(manifest.get("wall_offset_ns", "0"))

@@ -26,6 +26,8 @@ from hippomat_logs.sink import ACTIVE
 from hippomat_logs.walk import Contents, Inside, RawMessage, counted_inside, walk_strictly
 
 DROPPED = TOPICS[DropRecord]
+CLIP_KEY = "clip"  # of the manifest: what the run was cut out of, and why
+COMPARED_FROM_KEY = "compared_from"  # a clip's first record whose effects were kept
 
 
 class Record(NamedTuple):
@@ -95,6 +97,16 @@ class Run:
     @property
     def robot(self) -> int:
         return int(self.manifest.get("robot", "-1"))
+
+    @property
+    def clip(self) -> str:
+        """What this log was cut out of to show a divergence; empty: it is a whole run."""
+        return self.manifest.get(CLIP_KEY, "")
+
+    @property
+    def compared_from(self) -> int:
+        """The first record whose effects are in the log: all but a clip have them from 0 on."""
+        return int(self.manifest.get(COMPARED_FROM_KEY, "0"))
 
     @property
     def config(self) -> Config:

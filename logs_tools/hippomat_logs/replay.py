@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from hippomat_core.errors import HippomatError, LogError
+from hippomat_core.step import initial_state
 from hippomat_logs.level1 import ByteCheck
 from hippomat_logs.level2 import DecisionReplay
 from hippomat_logs.level3 import check_motion
@@ -26,6 +27,7 @@ from hippomat_logs.schema import EFFECTS, TOPICS
 LEVELS = ("L0", "L1", "L2", "daemon", "L3")
 Progress = Callable[[str, int], None]  # (level, records done)
 PROGRESS_STEP = 1000
+_NO_BYTES = "a clip keeps the events that matter, no bytes and no drive"
 EFFECT_TOPICS = frozenset(TOPICS[kind] for kind in EFFECTS)
 
 
@@ -70,9 +72,9 @@ def _offline_levels(
 ) -> bool:
     """L0, L1 and L2 in one pass; True if the log was whole."""
     started_ns = int(run.manifest.get("started_ns", "0"))
-    bytes_check = (
-        ByteCheck(run.robot, run.store, started_ns, run.wall_offset_ns) if "L1" in options.levels else None
-    )
+    bytes_check = None
+    if "L1" in options.levels and not run.clip:
+        bytes_check = ByteCheck(run.robot, run.store, started_ns, run.wall_offset_ns)
     try:
         for path, raw in run.raw_in_order():
             if run.records % PROGRESS_STEP == 0:
@@ -95,10 +97,13 @@ def _offline_levels(
         report.results.append(result)
         return False
     notes = ["recovered after a crash: the last moments are missing"] if run.recovered else []
+    notes += [f"a clip of {run.clip}"] if run.clip else []
     detail = f"{len(run.paths)} file{'s' * (len(run.paths) > 1)}, checksums and record numbers whole"
     report.results.insert(0, LevelResult("L0", OK, run.records, "records", detail, notes))
     if bytes_check is not None:
         report.results.append(bytes_check.result(run.recovered))
+    elif "L1" in options.levels:
+        report.results.append(LevelResult("L1", NOT_RUN, detail=_NO_BYTES))
     if decisions is not None:
         report.results.append(_with_reason(run, decisions.result(run.recovered)))
     return True
@@ -111,6 +116,10 @@ def _with_reason(run: Run, result: LevelResult) -> LevelResult:
 
 
 def _live_levels(run: Run, options: ReplayOptions, report: RunReport, progress: Progress) -> None:
+    if run.clip:
+        live = [level for level in ("daemon", "L3") if level in options.levels]
+        report.results += [LevelResult(level, NOT_RUN, detail=_NO_BYTES) for level in live]
+        return
     if "daemon" in options.levels:
         report.results.append(_guarded("daemon", lambda: _in_daemon(run, progress)))
     if "L3" in options.levels:
@@ -133,7 +142,9 @@ def _guarded(level: str, check: Callable[[], LevelResult]) -> LevelResult:
 def _decision_replay(run: Run) -> DecisionReplay:
     started_ns = int(run.manifest.get("started_ns", "0"))
     exact = same_fingerprint(run)
-    return DecisionReplay(run.config, run.policy or None, run.store, exact, started_ns, run.wall_offset_ns)
+    config, state = run.config, initial_state(run.config, run.policy or None)
+    offset_ns, compared_from = run.wall_offset_ns, run.compared_from
+    return DecisionReplay(config, state, run.store, exact, started_ns, offset_ns, compared_from)
 
 
 def same_fingerprint(run: Run) -> bool:

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
+from hippomat_core.errors import HippomatError
 from hippomat_logs.replay import LEVELS, ReplayOptions
 from hippomat_logs.report import TOOL_ERROR
 
@@ -45,10 +46,56 @@ def parser() -> Parser:
     )
     made.add_argument("--strict", action="store_true", help="a miss of L3's bar is a divergence")
     made.add_argument("--json", action="store_true", help="print the results as JSON")
+    made.add_argument("--sim", action="store_true", help="only L0 and L3, with pictures if --plots is given")
     made.add_argument(
-        "--serve", action="store_true", help="only offer the recorded ports to a daemon of yours"
+        "-o", "--plots", type=Path, metavar="DIR", help="a picture of L3 for each robot, in this directory"
     )
+    _add_serve(made.add_argument_group("offering a run to a daemon of yours"))
+    _add_clip(made.add_argument_group("cutting a divergence out"))
+    _add_golden(made.add_argument_group("golden runs (docs/replay.md)"))
     return made
+
+
+def _add_serve(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--serve", action="store_true", help="only offer the recorded ports, as pseudo-terminals")
+    group.add_argument("--speed", type=float, default=1.0, metavar="X", help="times real time (default 1)")
+    group.add_argument(
+        "--step", action="store_true", help="wait for Enter: one read; a number: so many; t S: S seconds"
+    )
+
+
+def _add_clip(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--clip", type=Path, metavar="OUT.mcap", help="the smallest log that shows the first divergence"
+    )
+    group.add_argument(
+        "--at", type=float, metavar="S", help="with --clip: 2 s around this moment instead, to look at"
+    )
+
+
+def _add_golden(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--update-golden", action="store_true", help="accept what is decided now; needs --reason"
+    )
+    group.add_argument("--reason", default="", metavar="TEXT", help="why the new decisions are right")
+    group.add_argument(
+        "--allow-dirty", action="store_true", help="bless although the work tree is not committed"
+    )
+
+
+def check(options: argparse.Namespace) -> None:
+    """HippomatError for options that do not go together."""
+    modes = [name for name in ("serve", "clip", "update_golden", "sim") if getattr(options, name)]
+    if len(modes) > 1:
+        named = " and ".join(f"--{name.replace('_', '-')}" for name in modes)
+        raise HippomatError(f"{named}: choose one")
+    for name, mode in (("at", "clip"), ("step", "serve"), ("reason", "update_golden")):
+        if getattr(options, name) not in (None, False, "") and mode not in modes:
+            raise HippomatError(f"--{name} goes with --{mode.replace('_', '-')}")
+    if options.speed != 1.0 and not options.serve:
+        raise HippomatError("--speed goes with --serve")
+    if not 0.0 < options.speed < float("inf"):
+        raise HippomatError(f"--speed {options.speed:g}: give a factor above 0")
 
 
 def _levels(text: str) -> tuple[str, ...]:
@@ -62,5 +109,6 @@ def _levels(text: str) -> tuple[str, ...]:
 
 
 def replay_options(options: argparse.Namespace) -> ReplayOptions:
-    levels = tuple(name for name in options.levels if not (options.no_daemon and name == "daemon"))
-    return ReplayOptions(levels, options.strict)
+    asked = ("L0", "L3") if options.sim else options.levels
+    levels = tuple(name for name in asked if not (options.no_daemon and name == "daemon"))
+    return ReplayOptions(levels, options.strict, options.plots)

@@ -12,8 +12,10 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from hippomat_core.errors import HippomatError
+from hippomat_logs.clip_command import clip, cut_window
+from hippomat_logs.golden_command import update_golden
 from hippomat_logs.reader import open_runs
-from hippomat_logs.replay_arguments import parser, replay_options
+from hippomat_logs.replay_arguments import check, parser, replay_options
 from hippomat_logs.replay_pool import replay_all
 from hippomat_logs.replay_show import say_error, show
 from hippomat_logs.report import TOOL_ERROR, overall_exit_code
@@ -24,9 +26,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
     try:
+        check(options)
+        if options.update_golden:
+            accepted = (options.reason, options.allow_dirty, options.json)
+            return update_golden(options.logs, *accepted, console)
+        if options.clip and options.at is not None:
+            return cut_window(options.logs, options.clip, options.at, console)
         runs = open_runs(options.logs)
         if options.serve:
-            return serve(runs, console)
+            return serve(runs, console, options.speed, options.step)
+        if options.clip:
+            return clip(runs, options.clip, console)
         reports = replay_all(runs, replay_options(options))
     except HippomatError as error:
         say_error(error, options.json, console)

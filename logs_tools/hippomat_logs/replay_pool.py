@@ -8,10 +8,11 @@ from __future__ import annotations
 import multiprocessing
 import os
 import sys
+from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from pathlib import Path
 from queue import Empty
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -22,6 +23,7 @@ from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.replay import ReplayOptions, replay_run
 from hippomat_logs.report import RunReport
 
+T = TypeVar("T")
 _progress: Any = None  # in a worker: the queue to its parent
 
 
@@ -33,6 +35,20 @@ def _start_worker(queue: Any) -> None:
 def _replay_in_worker(run_paths: tuple[Path, ...], options: ReplayOptions) -> RunReport:
     run = open_runs(run_paths)[0]
     return replay_run(run, options, lambda level, done: _progress.put((str(run_paths[0]), level, done)))
+
+
+def in_a_process(run: Run, work: Callable[..., T], *arguments: Any) -> T:
+    """work(*arguments) where numbers are computed as the daemon of `run` computed them."""
+    os.environ.update(recorded_threads(run.manifest))
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        try:
+            with interrupts_held():
+                future = pool.submit(work, *arguments)
+            return future.result()
+        except KeyboardInterrupt:
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            raise
 
 
 def replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
