@@ -11,7 +11,11 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hippomat_core import messages as m
 from hippomat_logs.reader import Run
@@ -25,6 +29,8 @@ RPE_STEP_S = 1.0
 
 Pose = tuple[float, float, float]  # x [m], y [m], yaw [rad], map frame
 Command = tuple[float, float, float]  # time [s], v [m/s], wz [rad/s]
+Poses = NDArray[np.float64]  # (n, 3)
+Index = NDArray[np.intp]
 
 
 class ReplayWorld(Protocol):
@@ -49,8 +55,55 @@ class Motion:
     map: m.MapReceived | None = None
 
 
-def check_motion(run: Run, strict: bool) -> LevelResult:
-    """L3 on one run; misses are reported and fail the level only when strict."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Driven:
+    """What was recorded and what the simulated robot did, n samples; (n, 3) are x, y [m] and yaw [rad]."""
+
+    times_s: NDArray[np.float64]  # (n,)
+    recorded: Poses  # (n, 3)
+    windows: Poses  # (n, 3) begun anew at the recorded pose in every window
+    whole: Poses  # (n, 3) begun once
+    begins: tuple[int, ...]  # the samples at which windows begin: there the error is none by definition
+
+    @property
+    def errors_m(self) -> NDArray[np.float64]:
+        """(n - 1,) of all samples but the first."""
+        apart = self.windows[1:, :2] - self.recorded[1:, :2]
+        return np.hypot(apart[:, 0], apart[:, 1])
+
+    @property
+    def errors_rad(self) -> NDArray[np.float64]:
+        return np.abs(_wrapped(self.windows[1:, 2] - self.recorded[1:, 2]))
+
+    @property
+    def drift_m(self) -> NDArray[np.float64]:
+        """(n,) of the run that was begun once."""
+        apart = self.whole[:, :2] - self.recorded[:, :2]
+        return np.hypot(apart[:, 0], apart[:, 1])
+
+    @property
+    def length_m(self) -> float:
+        """Of the recorded way."""
+        steps = np.diff(self.recorded[:, :2], axis=0)
+        return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+
+    def relative_errors(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """([m], [rad]) by which motions of RPE_STEP_S differ, each in the frame of where it began.
+
+        Relative pose error as Sturm et al. 2012 define it; a motion lies within one window.
+        """
+        until = np.searchsorted(self.times_s, self.times_s + RPE_STEP_S, side="right") - 1
+        window = np.searchsorted(self.begins, np.arange(len(until)), side="right")
+        begins = np.arange(len(until))
+        enough = self.times_s[until] - self.times_s > 0.9 * RPE_STEP_S
+        kept = enough & (window == window[until]) & ~np.isin(begins, self.begins[1:])
+        first, last = begins[kept], until[kept]
+        apart = _moves(self.windows, first, last) - _moves(self.recorded, first, last)
+        return np.hypot(apart[:, 0], apart[:, 1]), np.abs(_wrapped(apart[:, 2]))
+
+
+def check_motion(run: Run, strict: bool, plots: Path | None = None) -> LevelResult:
+    """L3 on one run; misses are reported and fail the level only when strict. plots: a directory."""
     kinds = list(entry_points(group=GROUP))
     if not kinds:
         return LevelResult("L3", NOT_RUN, detail="no simulator is installed: pip install 'hippomat[sim]'")
@@ -62,9 +115,16 @@ def check_motion(run: Run, strict: bool) -> LevelResult:
     except (ImportError, AttributeError) as error:
         return LevelResult("L3", NOT_RUN, detail=f"{kinds[0].value} cannot be loaded: {error}")
     try:
-        return _judge(motion, world, strict)
+        driven = drive_again(motion, world)
     finally:
         world.close()
+    result = judge(driven, strict)
+    if plots is not None:
+        from hippomat_logs.level3_picture import draw  # matplotlib loads slowly
+
+        path = draw(run, motion, driven, plots)
+        result.notes.append(f"picture: {path}")
+    return result
 
 
 def motion_of(run: Run) -> Motion:
@@ -83,35 +143,48 @@ def motion_of(run: Run) -> Motion:
     return motion
 
 
-def _judge(motion: Motion, world: ReplayWorld, strict: bool) -> LevelResult:
-    errors: list[float] = []
-    steps: list[float] = []
-    beyond = 0
-    begin = 0
-    while begin < len(motion.poses) - 1:
-        end = begin + 1
-        while end < len(motion.poses) and motion.poses[end][0] <= motion.poses[begin][0] + WINDOW_S:
-            end += 1
-        recorded = motion.poses[begin:end]
-        driven = _window(motion, world, recorded)
-        window_errors = [
-            _distance(pose, other) for (_, pose), other in zip(recorded[1:], driven, strict=True)
-        ]
-        errors += window_errors
-        beyond += sum(error > BOUND_M for error in window_errors)
-        steps += _relative_errors(recorded[1:], driven)
-        begin = max(end - 1, begin + 1)
-    drift = _distance(motion.poses[-1][1], _window(motion, world, motion.poses)[-1])
-    share = beyond / len(errors)
+def drive_again(motion: Motion, world: ReplayWorld) -> Driven:
+    """All windows, and the whole run in one go."""
+    begins, begin = [0], 0
+    times_s = [time_s for time_s, _ in motion.poses]
+    while (end := bisect_right(times_s, times_s[begin] + WINDOW_S) - 1) < len(times_s) - 1:
+        begin = max(end, begin + 1)
+        if begin < len(times_s) - 1:
+            begins.append(begin)
+        else:
+            break
+    poses: list[Pose] = [motion.poses[0][1]]
+    for first, last in zip(begins, [*begins[1:], len(times_s) - 1], strict=True):
+        poses += _window(motion, world, motion.poses[first : last + 1])
+    whole = [motion.poses[0][1], *_window(motion, world, motion.poses)]
+    recorded = np.array([pose for _, pose in motion.poses])
+    return Driven(np.array(times_s), recorded, np.array(poses), np.array(whole), tuple(begins))
+
+
+def judge(driven: Driven, strict: bool) -> LevelResult:
+    """The bar is set on the share of samples; the other figures are reported."""
+    beyond = float(np.mean(driven.errors_m > BOUND_M))
+    (step_m, step_rad), drift_m = driven.relative_errors(), float(driven.drift_m[-1])
+    figures = {
+        "share_within": 1.0 - beyond,
+        "ate_m": _rms(driven.errors_m),
+        "ate_deg": math.degrees(_rms(driven.errors_rad)),
+        "rpe_m_per_s": _rms(step_m) / RPE_STEP_S,
+        "rpe_deg_per_s": math.degrees(_rms(step_rad)) / RPE_STEP_S,
+        "drift_m": drift_m,
+        "driven_m": driven.length_m,
+    }
     detail = (
-        f"{100 * (1 - share):.1f} % of samples within {BOUND_M} m, ATE {_rms(errors):.3f} m, "
-        f"RPE {_rms(steps):.3f} m per s, drift over the run {drift:.2f} m"
+        f"{100 * (1 - beyond):.1f} % of samples within {BOUND_M} m, "
+        f"ATE {figures['ate_m']:.3f} m {figures['ate_deg']:.1f} deg, "
+        f"RPE {figures['rpe_m_per_s']:.3f} m {figures['rpe_deg_per_s']:.1f} deg per s, "
+        f"drift over the run {drift_m:.2f} m in {driven.length_m:.1f} m"
     )
-    missed = share > MAX_SHARE_BEYOND
+    missed = beyond > MAX_SHARE_BEYOND
     if missed:
         detail += f" - misses the bar of {100 * (1 - MAX_SHARE_BEYOND):.0f} %"
     status = OK if not missed else FAILED if strict else MISSED
-    return LevelResult("L3", status, len(errors), "samples", detail)
+    return LevelResult("L3", status, len(driven.errors_m), "samples", detail, figures=figures)
 
 
 def _window(motion: Motion, world: ReplayWorld, recorded: Sequence[tuple[float, Pose]]) -> list[Pose]:
@@ -123,23 +196,18 @@ def _window(motion: Motion, world: ReplayWorld, recorded: Sequence[tuple[float, 
     return world.drive(recorded[0][1], commands, times)
 
 
-def _relative_errors(recorded: Sequence[tuple[float, Pose]], driven: Sequence[Pose]) -> list[float]:
-    """Difference of the distances covered in one second, inside one window."""
-    found: list[float] = []
-    behind = 0
-    for k in range(len(recorded)):
-        while recorded[k][0] - recorded[behind][0] > RPE_STEP_S:
-            behind += 1
-        if recorded[k][0] - recorded[behind][0] > 0.9 * RPE_STEP_S:
-            a, b = recorded[k][1], recorded[behind][1]
-            c, d = driven[k], driven[behind]
-            found.append(math.hypot((a[0] - b[0]) - (c[0] - d[0]), (a[1] - b[1]) - (c[1] - d[1])))
-    return found
+def _moves(poses: Poses, begins: Index, ends: Index) -> Poses:
+    """(k, 3): how each pose at `ends` lies in the frame of the one at `begins`."""
+    delta, yaw = poses[ends] - poses[begins], poses[begins, 2]
+    c, s = np.cos(yaw), np.sin(yaw)
+    ahead, left = c * delta[:, 0] + s * delta[:, 1], c * delta[:, 1] - s * delta[:, 0]
+    return np.column_stack([ahead, left, delta[:, 2]])
 
 
-def _distance(a: Pose, b: Pose) -> float:
-    return math.hypot(a[0] - b[0], a[1] - b[1])
+def _wrapped(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    wrapped: NDArray[np.float64] = np.arctan2(np.sin(angles), np.cos(angles))
+    return wrapped
 
 
-def _rms(values: Sequence[float]) -> float:
-    return math.sqrt(sum(v * v for v in values) / len(values)) if values else 0.0
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

@@ -12,6 +12,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_core.step import initial_state
@@ -35,6 +36,7 @@ EFFECT_TOPICS = frozenset(TOPICS[kind] for kind in EFFECTS)
 class ReplayOptions:
     levels: tuple[str, ...] = LEVELS
     strict: bool = False
+    plots: Path | None = None  # a directory for pictures of L3
 
 
 def replay_run(run: Run, options: ReplayOptions, progress: Progress = lambda *_: None) -> RunReport:
@@ -123,7 +125,7 @@ def _live_levels(run: Run, options: ReplayOptions, report: RunReport, progress: 
     if "daemon" in options.levels:
         report.results.append(_guarded("daemon", lambda: _in_daemon(run, progress)))
     if "L3" in options.levels:
-        report.results.append(_guarded("L3", lambda: check_motion(run, options.strict)))
+        report.results.append(_guarded("L3", lambda: check_motion(run, options.strict, options.plots)))
 
 
 def _in_daemon(run: Run, progress: Progress) -> LevelResult:

@@ -57,10 +57,12 @@ def parser() -> Parser:
 
 
 def _add_serve(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--serve", action="store_true", help="only offer the recorded ports, as pseudo-terminals")
+    group.add_argument(
+        "--serve", action="store_true", help="only offer the recorded ports, as pseudo-terminals"
+    )
     group.add_argument("--speed", type=float, default=1.0, metavar="X", help="times real time (default 1)")
     group.add_argument(
-        "--step", action="store_true", help="wait for Enter: one read; a number: so many; t S: S seconds"
+        "--step", action="store_true", help="wait for Enter: one read; N: so many; Ns: so many seconds"
     )
 
 

@@ -47,6 +47,7 @@ class LevelResult:
     detail: str = ""
     notes: list[str] = field(default_factory=list)
     divergence: Divergence | None = None
+    figures: dict[str, float] = field(default_factory=dict)  # what was measured, for --json
 
 
 @dataclass(slots=True)

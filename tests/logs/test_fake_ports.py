@@ -94,9 +94,41 @@ def test_serve_offers_the_recorded_bytes_to_a_daemon_of_the_users(run: Run) -> N
     assert codes == [0]
 
 
-def test_serve_wants_one_run(run: Run) -> None:
-    with pytest.raises(HippomatError, match="one robot; 2 runs"):
+def test_serve_wants_one_run_of_each_robot(run: Run) -> None:
+    with pytest.raises(HippomatError, match="robot 0 has two runs"):
         serve([run, run], Console(file=io.StringIO()))
+
+
+def test_serve_goes_on_step_by_step_as_it_is_asked(run: Run) -> None:
+    """Enter: one read; a number; seconds; nonsense is told; q ends it."""
+    said, (keyboard, typed) = io.StringIO(), os.pipe()
+    codes: list[int] = []
+    console = Console(file=said, width=500)
+    server = threading.Thread(target=lambda: codes.append(serve([run], console, 1.0, True, keyboard)))
+    server.start()
+    until_s = time.monotonic() + 10
+    while "waiting" not in said.getvalue() and time.monotonic() < until_s:
+        time.sleep(0.01)
+    paths = dict(re.findall(r"(radio|lidar|base) +\S+ -> (\S+)", said.getvalue()))
+    fds = {name: os.open(path, os.O_RDWR | os.O_NOCTTY) for name, path in paths.items()}
+    os.write(fds["radio"], link.encode_message(hello_of_robot(0)))
+    feedback = read_until(fds["base"], 45, None)  # of the identification
+    os.write(typed, b"\n")
+    feedback += read_until(fds["base"], 45, None)
+    assert len(feedback) == 90
+    radio = read_until(fds["radio"], HELLO_REPLY_BYTES, None)
+    os.write(typed, b"what\n1\n")
+    assert len(read_until(fds["radio"], len(peer_bytes(0)), None)) == len(peer_bytes(0))
+    assert len(radio) == HELLO_REPLY_BYTES
+    os.write(typed, b"0.1s\n")
+    assert len(read_until(fds["base"], 90, None)) == 90  # the ticks at 0.05 s and 0.1 s
+    os.write(typed, b"q\n")
+    server.join(20)
+    assert codes == [0]
+    assert "'what'? Enter: one read" in said.getvalue()
+    assert re.search(r"0\.005 s  robot 0  radio \d+ bytes >", said.getvalue())
+    for fd in (*fds.values(), keyboard, typed):
+        os.close(fd)
 
 
 def test_links_have_the_ports_names(run: Run, tmp_path: Path) -> None:
