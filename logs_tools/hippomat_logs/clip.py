@@ -17,7 +17,7 @@ from hippomat_core import messages as m
 from hippomat_core.errors import HippomatError
 from hippomat_core.state import State
 from hippomat_core.step import initial_state, step
-from hippomat_logs.level2 import DecisionReplay
+from hippomat_logs.level2 import NO_SUCH_EFFECT, DecisionReplay
 from hippomat_logs.new_log import NewRecord, write_log
 from hippomat_logs.reader import CLIP_KEY, COMPARED_FROM_KEY, Record, Run
 from hippomat_logs.redecide import attachments_of
@@ -54,8 +54,8 @@ def find_divergence(run: Run, exact: bool) -> Found | None:
                 break
             record = run.decoded(path, raw)
             replay.feed(record)
-            if replay.divergence is not None and record.number != replay.divergence.record:
-                break  # an effect was missing behind the event before
+            if replay.divergence is not None and replay.divergence.recorded == NO_SUCH_EFFECT:
+                break  # it happened at the event before
             events.append(record)
             effects = []
         elif raw.topic in _EFFECT_TOPICS:

@@ -25,6 +25,7 @@ from hippomat_logs.walk import RawMessage
 LOGITS_TOLERANCE = 1e-5
 FLOAT_TOLERANCE = 1e-6
 TIE_MARGIN = 1e-4
+NO_SUCH_EFFECT = "no such effect"  # recorded, where one was replayed; found at the next event
 
 
 class EffectComparison:
@@ -162,7 +163,7 @@ class DecisionReplay:
         """The next event came: the one before must have no effect left."""
         left = next(self._pending, None)
         if left is not None:
-            self._diverge(record, type(left).__name__, "no such effect", dataclasses.asdict(left))
+            self._diverge(record, type(left).__name__, NO_SUCH_EFFECT, dataclasses.asdict(left))
 
     def _diverge(self, record: Record, field: str, recorded: Any, replayed: Any) -> None:
         time_s = (record.log_time_ns - self._offset_ns - self._started_ns) / 1e9

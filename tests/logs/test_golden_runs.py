@@ -1,0 +1,122 @@
+"""The golden runs are decided as they were; a change fails until it is blessed, with commit and reason."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from changed_log import change_log
+
+from hippomat_core import messages as m
+from hippomat_logs.golden import EXPECTED, differences, golden_runs
+from hippomat_logs.replay_cli import main
+
+RUNS = Path(__file__).parents[1] / "golden" / "runs"
+NAMES = [path.name for path in golden_runs(RUNS)]
+MIB = 1 << 20
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_golden_run_is_decided_as_it_was(name: str) -> None:
+    found = differences(RUNS / name)
+    assert not found, "\n".join(found)
+
+
+def test_golden_runs_hold_claims_and_are_small_enough_to_be_kept() -> None:
+    requests = [
+        robot["requests"]
+        for name in NAMES
+        for robot in json.loads((RUNS / name / EXPECTED).read_text())["robots"].values()
+    ]
+    assert sum(requests) >= 3
+    assert sum(path.stat().st_size for path in RUNS.rglob("*.mcap")) < 3 * MIB
+
+
+@pytest.fixture
+def changed(tmp_path: Path) -> Path:
+    """A golden run whose log says of two decisions what this core does not decide; in a repository."""
+    directory = tmp_path / "runs" / "one_slam"
+    shutil.copytree(RUNS / "one_slam", directory)
+    (log,) = directory.glob("*.mcap")
+    log.rename(tmp_path / "right.mcap")
+    decided = 0
+
+    def change(_: int, message: Any) -> Any:
+        nonlocal decided
+        if isinstance(message, m.RoundDecided):
+            decided += 1
+            if decided in (20, 30):
+                costs = np.array(message.costs)
+                costs[1] ^= 1
+                return dataclasses.replace(message, costs=costs)
+        return message
+
+    change_log(tmp_path / "right.mcap", log, change)
+    git(tmp_path, "init", "-q")
+    commit(tmp_path)
+    return directory
+
+
+def git(directory: Path, *arguments: str) -> None:
+    identity = ("-c", "user.name=t", "-c", "user.email=t@example.org")
+    subprocess.run(["git", "-C", str(directory), *identity, *arguments], check=True, capture_output=True)
+
+
+def commit(directory: Path) -> None:
+    git(directory, "add", "-A")
+    git(directory, "commit", "-q", "-m", "x")
+
+
+def test_a_change_of_a_decision_fails_with_the_divergence_and_the_command_that_accepts_it(
+    changed: Path,
+) -> None:
+    found = differences(changed)
+    assert any("robot 0 L2" in line and "RoundDecided.costs[1]: recorded" in line for line in found), found
+    assert found[-1].endswith(f"hippomat-replay {changed} --update-golden --reason '...'")
+    assert any(line.startswith("robots robot 0 digest: expected") for line in found)
+
+
+def test_blessing_decides_again_and_keeps_commit_and_reason(
+    changed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = json.loads((changed / EXPECTED).read_text())["history"]
+    assert main([str(changed.parent), "--update-golden", "--reason", "costs are right now"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "blessed: one_slam robot 0: 2 of" in said
+    assert "RoundDecided.costs[1]" in said
+    report = json.loads((changed / EXPECTED).read_text())
+    *old, entry = report["history"]
+    assert old == before
+    assert entry["reason"] == "costs are right now"
+    assert len(entry["commit"]) >= 7
+    assert not entry["commit"].endswith("-dirty")
+    assert "2 of" in entry["changed"][0]
+    assert differences(changed) == []
+    assert not list(changed.glob("*.redecided"))
+    commit(changed)
+    assert main([str(changed), "--update-golden", "--reason", "again"]) == 0
+    assert "everything is decided as before" in " ".join(capsys.readouterr().out.split())
+    assert json.loads((changed / EXPECTED).read_text()) == report
+
+
+def test_what_is_not_committed_is_blessed_only_when_told_to(
+    changed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (changed / EXPECTED).write_text((changed / EXPECTED).read_text() + "\n")
+    assert main([str(changed), "--update-golden", "--reason", "x"]) == 1
+    assert "not committed" in " ".join(capsys.readouterr().out.split())
+    assert main([str(changed), "--update-golden", "--reason", "x", "--allow-dirty", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["commit"].endswith("-dirty")
+    assert told["changes"][0]["decisions"] == 2
+
+
+def test_a_directory_without_golden_runs_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tmp_path), "--update-golden", "--reason", "x"]) == 1
+    assert "holds no golden run" in " ".join(capsys.readouterr().out.split())
