@@ -29,6 +29,7 @@ examples:
   hippomat-bench tables --only fixed --methods graphsage,greedy --agents 5,10 --episodes 200
   hippomat-bench logs runs/robot03_*.mcap
   hippomat-bench logs --large
+  hippomat-bench replay runs/robot03_*.mcap
 """
 
 
@@ -83,6 +84,12 @@ _COMMANDS = (
         "Decodes every message of a log with our reader, rosbags, mcap and mcap_ros2, each in a process of\n"
         "its own; records as a robot of ten does, in real time beside a loop that works; and, with --large,\n"
         "summarises a log of gigabytes.",
+    ),
+    _Command(
+        "replay",
+        "replaying logs: how many times faster than real time, by level",
+        "Opens and replays logs in one process with one thread, level by level, and compares its processor\n"
+        "time with the time recorded. Without logs it records two short runs of three simulated robots.",
     ),
 )
 
