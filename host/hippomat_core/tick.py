@@ -159,7 +159,9 @@ def _discs(state: State, peers: list[PeerMotion]) -> NDArray[np.float64]:
     Older ones are left to the scan.
     """
     fresh = [peer for peer in peers if peer.age_s <= state.config.planning.peer_stale_s]
-    at = np.array([[peer.x_m, peer.y_m] for peer in fresh]).reshape(-1, 2)
-    xy = carried_along(at, (0.0, 0.0, 0.0), state.pose)
-    driven_m = np.array([peer.speed_mps * peer.age_s for peer in fresh])
-    return np.column_stack([xy, state.config.robot.radius_m + driven_m])
+    discs = np.empty((len(fresh), 3))
+    if fresh:
+        radius_m = state.config.robot.radius_m
+        discs[:] = [(peer.x_m, peer.y_m, radius_m + peer.speed_mps * peer.age_s) for peer in fresh]
+        discs[:, :2] = carried_along(discs[:, :2], (0.0, 0.0, 0.0), state.pose)
+    return discs

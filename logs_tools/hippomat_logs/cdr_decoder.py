@@ -22,8 +22,10 @@ def make_decoder(kind: type, fields: Iterable[FieldSpec]) -> Decoder:
     value = source.value(kind, fields)
     source.end_run()
     body = "\n ".join(source.lines)
-    code = f"def decode(data):\n d, n = opened(data), 0\n {body}\n closed(d, n)\n return {value}"
-    names: dict[str, Any] = {"opened": _opened, "closed": _closed, "frombuffer": np.frombuffer}
+    code = f"def decode(data):\n if data[:2] != LE: refused(data)\n d, n = data[4:], 0\n {body}\n"
+    code += f" if not n <= len(d) <= n + 3: wrong_size(d, n)\n return {value}"
+    names: dict[str, Any] = {"LE": ENCAPSULATION[:2], "refused": _refused, "wrong_size": _wrong_size}
+    names["frombuffer"] = np.frombuffer
     names.update(source.names)
     exec(compile(code, "<CDR decoder>", "exec"), names)
     return names["decode"]  # type: ignore[no-any-return]
@@ -117,15 +119,10 @@ def _none(dtype: np.dtype[Any]) -> np.ndarray[Any, Any]:
     return made
 
 
-def _opened(data: Any) -> Any:
-    if bytes(data[:2]) != ENCAPSULATION[:2]:
-        raise ValueError(
-            f"its bytes begin with {bytes(data[:2]).hex()}, not with {ENCAPSULATION[:2].hex()} as CDR"
-        )
-    return data[4:]
+def _refused(data: Any) -> None:
+    raise ValueError(f"bytes that begin with {bytes(data[:2]).hex()} are no little-endian CDR")
 
 
-def _closed(d: Any, n: int) -> None:
+def _wrong_size(d: Any, n: int) -> None:
     """Up to 3 bytes of padding may follow."""
-    if not n <= len(d) <= n + 3:
-        raise ValueError(f"{n} bytes were expected, {len(d)} are there")
+    raise ValueError(f"{n} bytes were expected, {len(d)} are there")

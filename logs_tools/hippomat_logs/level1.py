@@ -16,6 +16,7 @@ from hippomat_logs.report import FAILED, NOT_RUN, OK, Divergence, LevelResult
 from hippomat_logs.ros.topics import FROM_ROS
 from hippomat_logs.schema import EVENTS, MessageStore, differences
 
+_EVENTS = frozenset(EVENTS)
 NOT_DECODED = (m.Started, m.MapReceived, m.Tick, m.PortOpened, m.PortLost, *FROM_ROS)  # no bytes hold them
 
 
@@ -43,7 +44,7 @@ class ByteCheck:
                 self._serial(record, message)
         elif isinstance(message, NOT_DECODED):
             self._other(record, message)
-        elif type(message) in EVENTS:
+        elif type(message) in _EVENTS:
             self._decoded(record, message)
 
     def result(self, may_be_cut: bool) -> LevelResult:

@@ -25,6 +25,7 @@ from hippomat_logs.walk import RawMessage
 LOGITS_TOLERANCE = 1e-5
 FLOAT_TOLERANCE = 1e-6
 TIE_MARGIN = 1e-4
+_EVENTS, _EFFECTS = frozenset(EVENTS), frozenset(EFFECTS)
 NO_SUCH_EFFECT = "no such effect"  # recorded, where one was replayed; found at the next event
 
 
@@ -92,11 +93,11 @@ class DecisionReplay:
     def feed(self, record: Record) -> None:
         if self.divergence is not None or self._stopped:
             return
-        if type(record.message) in EVENTS:
+        if type(record.message) in _EVENTS:
             self._no_more(record)
             if self.divergence is None:
                 self._event(record)
-        elif type(record.message) in EFFECTS:
+        elif type(record.message) in _EFFECTS:
             self._effect(record)
 
     def takes(self, raw: RawMessage) -> bool:

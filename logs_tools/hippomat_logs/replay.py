@@ -23,13 +23,14 @@ from hippomat_logs.lockstep import replay_in_daemon
 from hippomat_logs.manifest import core_hash, fingerprint
 from hippomat_logs.reader import Run
 from hippomat_logs.report import FAULT, LOSSY, NOT_RUN, OK, LevelResult, RunReport
-from hippomat_logs.schema import EFFECTS, TOPICS
+from hippomat_logs.schema import EFFECTS, EVENTS, TOPICS
 
 LEVELS = ("L0", "L1", "L2", "daemon", "L3")
 Progress = Callable[[str, int], None]  # (level, records done)
 PROGRESS_STEP = 1000
 _NO_BYTES = "a clip keeps the events that matter, no bytes and no drive"
 EFFECT_TOPICS = frozenset(TOPICS[kind] for kind in EFFECTS)
+FED_TOPICS = EFFECT_TOPICS | {TOPICS[kind] for kind in EVENTS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +87,7 @@ def _offline_levels(
             record = run.decoded(path, raw)
             if bytes_check is not None:
                 bytes_check.feed(record)
-            if decisions is not None:
+            if decisions is not None and raw.topic in FED_TOPICS:
                 decisions.feed(record)
     except LogError as error:
         report.results.append(LevelResult("L0", LOSSY, run.records, "records", str(error)))

@@ -1,7 +1,7 @@
 """ROS 2 message definitions of everything we record, derived from the annotations of its dataclasses.
 
-Decides names, field types and CDR bytes. Knows nothing of files. rosbags' generated code reads messages by
-attribute and builds them positionally, so our dataclasses are given to it as they are.
+Decides names, field types and CDR bytes. Knows nothing of files. Our records go through generated code of our
+own (cdr_encoder.py, cdr_decoder.py), standard ROS messages through rosbags'.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ class MessageStore:
 
 
 def _specs(kind: type) -> tuple[FieldSpec, ...]:
-    """The fields of a class as the encoder wants them."""
+    """The fields of a class as encoder and decoder want them."""
     return tuple(
         FieldSpec(f.name, f.ros, False, _specs(f.python), f.many, f.python)
         if f.python not in (None, bytes)

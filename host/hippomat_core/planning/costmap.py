@@ -33,9 +33,11 @@ class Costmap:
 
     def centres(self, cells: NDArray[np.int32]) -> NDArray[np.float64]:
         """(n, 2) [m]: the middles of cells (n, 2) [ix, iy]."""
-        x = self.grid.origin_x_m + (cells[:, 0] + 0.5) * self.grid.resolution_m
-        y = self.grid.origin_y_m + (cells[:, 1] + 0.5) * self.grid.resolution_m
-        return np.stack([x, y], axis=1)
+        grid = self.grid
+        middles: NDArray[np.float64] = cells + 0.5
+        middles *= grid.resolution_m
+        middles += (grid.origin_x_m, grid.origin_y_m)
+        return middles
 
     def is_free(self, cell: tuple[int, int]) -> bool:
         """True where (ix, iy) lies in the grid and is free."""
