@@ -34,7 +34,8 @@ class Costmap:
     def centres(self, cells: NDArray[np.int32]) -> NDArray[np.float64]:
         """(n, 2) [m]: the middles of cells (n, 2) [ix, iy]."""
         grid = self.grid
-        middles: NDArray[np.float64] = cells + 0.5
+        middles = cells.astype(np.float64)
+        middles += 0.5
         middles *= grid.resolution_m
         middles += (grid.origin_x_m, grid.origin_y_m)
         return middles
