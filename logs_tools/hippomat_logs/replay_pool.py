@@ -51,20 +51,6 @@ def in_a_process(run: Run, work: Callable[..., T], *arguments: Any) -> T:
             raise
 
 
-def in_a_process(run: Run, work: Callable[..., T], *arguments: Any) -> T:
-    """work(*arguments) where numbers are computed as the daemon of `run` computed them."""
-    os.environ.update(recorded_threads(run.manifest))
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        try:
-            with interrupts_held():
-                future = pool.submit(work, *arguments)
-            return future.result()
-        except KeyboardInterrupt:
-            for worker in multiprocessing.active_children():
-                worker.terminate()
-            raise
-
-
 def replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
     """Each run in a process of its own, which computes with as many threads as the daemon did."""
     os.environ.update(recorded_threads(runs[0].manifest))
