@@ -1,7 +1,7 @@
 """The map and everything that has a time axis, as Bokeh figures.
 
 Decides marks, units and hover texts. Columns that change with time are filled by playback.js, which finds
-sources and cursors by the names given here.
+sources by the names given here.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from bokeh.models import (
     Range1d,
     ResetTool,
     SaveTool,
-    Span,
     WheelZoomTool,
 )
 from bokeh.plotting import figure
@@ -30,10 +29,12 @@ from numpy.typing import NDArray
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.messages import INFO
 from hippomat_logs.report_html import look
-from hippomat_logs.report_html.data import NO_SLOT, ClaimEnd, Happening, ReportData, RobotView
-from hippomat_logs.report_html.data import Span as Doing
+from hippomat_logs.report_html.data import NO_SLOT, ClaimEnd, Happening, ReportData, RobotView, Span
+
+Floats = NDArray[np.float32]
 
 MARGIN_M = 0.3
+FINE_M = 0.04  # all of a way is painted again for every picture of a playing run
 OCCUPIED_FROM = 65  # percent, as nav2's map server
 MOST_CELLS = 1_500  # a side; larger maps are drawn coarser, walls kept
 ROW_PX, AXES_PX = 26, 70
@@ -64,9 +65,11 @@ def map_figure(data: ReportData) -> Any:
         _draw_grid(plot, data.grid)
     colours = [look.colour_of(k) for k in range(len(data.robots))]
     frames = data.frames
-    tracks = {"xs": list(frames.x_m), "ys": list(frames.y_m), "yaws": list(frames.yaw_rad), "colour": colours}
-    source = ColumnDataSource(tracks, name="tracks")
-    plot.multi_line("xs", "ys", color="colour", alpha=0.22, line_width=1.2, source=source)
+    tracks = {"xs": list(frames.x_m), "ys": list(frames.y_m), "yaws": list(frames.yaw_rad)}
+    plot.tags = [ColumnDataSource(tracks, name="tracks")]  # not drawn; it travels with the figure
+    xs, ys = zip(*map(thinned, frames.x_m, frames.y_m), strict=True) if colours else ((), ())
+    whole = ColumnDataSource({"xs": list(xs), "ys": list(ys), "colour": colours})
+    plot.multi_line("xs", "ys", color="colour", alpha=0.22, line_width=1.2, source=whole)
     trails = _empty("trails", "xs", "ys", "colour")
     plot.multi_line("xs", "ys", color="colour", alpha=0.9, line_width=2.2, line_cap="round", source=trails)
     ways = _empty("ways", "xs", "ys", "colour")
@@ -74,6 +77,16 @@ def map_figure(data: ReportData) -> Any:
     _draw_tasks(plot)
     _draw_robots(plot)
     return plot
+
+
+def thinned(x_m: Floats, y_m: Floats) -> tuple[Floats, Floats]:
+    """A way without the poses that lie nearer than FINE_M to the one before; nan, where it is broken, stays."""
+    kept, last = [], (math.inf, math.inf)
+    for k, (x, y) in enumerate(zip(x_m.tolist(), y_m.tolist(), strict=True)):
+        if not math.hypot(x - last[0], y - last[1]) < FINE_M:
+            kept.append(k)
+            last = x, y
+    return x_m[kept], y_m[kept]
 
 
 def _extent(data: ReportData) -> tuple[float, float, float, float]:
@@ -197,9 +210,6 @@ def _time_figure(rows: Sequence[str], shared: Range1d, name: str) -> Any:
     )  # fmt: skip
     plot.toolbar.logo = None
     plot.ygrid.visible = False
-    plot.add_layout(
-        Span(location=0.0, dimension="height", line_color=look.CURSOR, line_width=2, name=f"cursor_{name}")
-    )
     return plot
 
 
@@ -239,7 +249,7 @@ def gantt_figure(data: ReportData, shared: Range1d) -> Any:
     return plot
 
 
-def _bar(robot: RobotView, colour: str, doing: Doing) -> dict[str, Any]:
+def _bar(robot: RobotView, colour: str, doing: Span) -> dict[str, Any]:
     claims = doing.slot != NO_SLOT
     end = how_ended(robot, doing) if claims else None
     looks = look.PHASE_LOOKS[doing.phase]
@@ -258,7 +268,7 @@ def _bar(robot: RobotView, colour: str, doing: Doing) -> dict[str, Any]:
     }
 
 
-def how_ended(robot: RobotView, doing: Doing) -> ClaimEnd | None:
+def how_ended(robot: RobotView, doing: Span) -> ClaimEnd | None:
     """How the claim of this bar came to its end; None: not in the log."""
     return next(
         (end for end in robot.ends if (end.slot, end.generation) == doing.task and end.at_s >= doing.begin_s),
@@ -270,7 +280,7 @@ def _claim_labels(data: ReportData) -> dict[str, list[Any]]:
     """Slot and generation once per claim, where its first bar begins; playback.js hides what has no room."""
     labels: dict[str, list[Any]] = {"x": [], "row": [], "label": [], "shown": [], "room": []}
     for robot in data.robots:
-        before: Doing | None = None
+        before: Span | None = None
         for doing in robot.spans:
             if before is not None and before.slot != NO_SLOT and before.task == doing.task:
                 labels["room"][-1] = round(doing.end_s - labels["x"][-1], 3)
