@@ -11,7 +11,10 @@ from sim_rooms import odd_room
 
 from hippomat_core.messages import Drive, Localized, SendState, StateHeard, Tick
 from hippomat_core.wire.frames import FLAG_LOCALIZED
+from hippomat_logs.alignment import Alignment
 from hippomat_logs.map_files import save_map
+from hippomat_logs.metrics.truth import against_truth
+from hippomat_logs.metrics.truth_files import read_truth
 from hippomat_logs.reader import open_runs
 from hippomat_logs.replay import ReplayOptions, replay_run
 from hippomat_logs.report import OK
@@ -112,6 +115,17 @@ def test_poses_are_right_while_they_are_believed(run: RunResult) -> None:
     assert carried.quantile_m(0.5) < GOAL_M  # until it notices, it is off by the way it was carried
     assert np.median(carried.errors_m[-40:]) < GOAL_M
     assert pose_table(errors).row_count == 3
+
+
+def test_the_metrics_of_the_logs_against_the_truth_are_the_same_errors(run: RunResult) -> None:
+    errors = pose_errors(log_files(run.logs), run.truth_ns, run.truth)
+    runs = open_runs(run.logs)
+    found = against_truth(runs, Alignment.trusting(runs), read_truth(run.out / "truth.npz"))
+    for one, expected in zip(found.robots, errors, strict=True):
+        assert one.errors_m == pytest.approx(expected.errors_m, abs=1e-6)
+        assert one.known == pytest.approx(expected.known)
+    assert found.nearest is not None
+    assert found.nearest.clear_m > 0.0  # there was no contact
 
 
 def test_the_runs_are_reproduced_bit_for_bit_searches_and_all(run: RunResult) -> None:
