@@ -26,7 +26,7 @@ from hippomat_logs.report_html import data as shown
 from hippomat_logs.report_html.assembly import HELD_S, MOST_POSES, frames_of, task_lives
 from hippomat_logs.report_html.building import build
 from hippomat_logs.report_html.data import Body, ClaimEnd, RobotView, TaskSeen, Track
-from hippomat_logs.report_html.figures import coarser
+from hippomat_logs.report_html.map_figure import coarser
 from hippomat_logs.report_html.matrices import quantile
 
 SCRIPT = "<script>window.pwned = true</script>"

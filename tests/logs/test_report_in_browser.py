@@ -195,6 +195,16 @@ def test_thirty_robots_fit_and_so_does_a_narrow_window(page: Page, tmp_path: Pat
     assert page.problems == []
 
 
+def test_a_window_made_narrow_shows_no_part_beyond_its_edge(fleet: Page) -> None:
+    slide(fleet, 5.5)
+    fleet.size(420, 900)
+    fleet.wait_for("document.documentElement.scrollWidth <= window.innerWidth")
+    x, _ = place_of(fleet, "gantt", 5.5)
+    line = fleet.run("document.getElementById('cursor_gantt').getBoundingClientRect().x")
+    assert line == pytest.approx(x, abs=2.0)
+    assert fleet.problems == []
+
+
 @pytest.mark.parametrize("what", ["one robot and no map", "no tasks", "a core with all its devices"])
 def test_what_a_log_does_not_hold_leaves_the_rest_whole(page: Page, tmp_path: Path, what: str) -> None:
     if what == "no tasks":
