@@ -80,7 +80,7 @@ def map_figure(data: ReportData) -> Any:
 
 
 def thinned(x_m: Floats, y_m: Floats) -> tuple[Floats, Floats]:
-    """A way without the poses that lie nearer than FINE_M to the one before; nan, where it is broken, stays."""
+    """A way without poses nearer than FINE_M to the one before; nan, where it is broken, stays."""
     kept, last = [], (math.inf, math.inf)
     for k, (x, y) in enumerate(zip(x_m.tolist(), y_m.tolist(), strict=True)):
         if not math.hypot(x - last[0], y - last[1]) < FINE_M:
