@@ -118,7 +118,7 @@ def test_poses_are_right_while_they_are_believed(run: RunResult) -> None:
 
 
 def test_the_metrics_of_the_logs_against_the_truth_are_the_same_errors(run: RunResult) -> None:
-    errors = pose_errors(log_files(run.logs), run.truth_ns, run.truth)
+    errors = pose_errors(log_files(run.logs), run.truth_ns, run.truth, run.clock_errors)
     runs = open_runs(run.logs)
     found = against_truth(runs, Alignment.trusting(runs), read_truth(run.out / "truth.npz"))
     for one, expected in zip(found.robots, errors, strict=True):

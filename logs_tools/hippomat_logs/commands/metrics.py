@@ -39,7 +39,7 @@ from hippomat_logs.metrics.trial_tables import (
 from hippomat_logs.metrics.trials import BY_DIRECTORY, BY_TIME, LoggedRun, TrialFiles, find_trials
 from hippomat_logs.metrics.truth import against_truth
 from hippomat_logs.metrics.truth_files import read_truth
-from hippomat_logs.reader import Run, open_runs
+from hippomat_logs.reader import Run, open_again
 from hippomat_logs.report import DAMAGED, REPRODUCED
 
 ALL = "all"
@@ -149,7 +149,7 @@ def read_fleet(trial: TrialFiles, trust_clocks: bool) -> tuple[list[Run], Clocks
         if isinstance(one, HippomatError):
             raise one
     whole = [one for one in read if not isinstance(one, HippomatError)]
-    runs = [Run(logged.paths, logged.manifest) for logged in trial.runs]
+    runs = [Run(logged.paths, logged.manifest, inside=logged.inside) for logged in trial.runs]
     clocks = clocks_of(runs, trusted=trust_clocks)
     return runs, clocks, fleet_metrics(runs, whole, clocks)
 
@@ -157,8 +157,7 @@ def read_fleet(trial: TrialFiles, trust_clocks: bool) -> tuple[list[Run], Clocks
 def _read_robot(logged: LoggedRun) -> RobotMetrics | HippomatError:
     """In a process of its own; an error comes back as a value, so that it ends the others cleanly."""
     try:
-        (run,) = open_runs(logged.paths)
-        return robot_metrics(run)
+        return robot_metrics(open_again(logged.paths, logged.inside))
     except HippomatError as error:
         return error
 
@@ -215,7 +214,7 @@ def _many_trials(
 def _read_trial(trust_clocks: bool, trial: TrialFiles) -> tuple[dict[str, float], str]:
     """In a process of its own: figures, or why there are none."""
     try:
-        runs = open_runs(trial.paths)
+        runs = [open_again(logged.paths, logged.inside) for logged in trial.runs]
         robots = [robot_metrics(run) for run in runs]
         return figures_of(fleet_metrics(runs, robots, clocks_of(runs, trusted=trust_clocks))), ""
     except HippomatError as error:

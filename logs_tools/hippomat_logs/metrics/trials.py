@@ -19,7 +19,7 @@ from typing import Any
 
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.opened_run import OpenedRun, group_opened, log_files
-from hippomat_logs.sources import Source, open_source
+from hippomat_logs.sources import Source, opened_sources
 
 MIN_OVERLAP = 0.5
 BY_TIME, BY_DIRECTORY = "time", "dir"
@@ -43,6 +43,7 @@ class LoggedRun:
     manifest: dict[str, str]
     begun_ns: int
     ended_ns: int
+    inside: str = ""  # of a fused file: which of its runs, see reader.Run
 
     @property
     def robot(self) -> int:
@@ -65,7 +66,7 @@ class TrialFiles:
 
     @property
     def paths(self) -> list[Path]:
-        return [path for run in self.runs for path in run.paths]
+        return list(dict.fromkeys(path for run in self.runs for path in run.paths))
 
     @property
     def robots(self) -> int:
@@ -107,7 +108,7 @@ def find_trials(paths: Sequence[Path], by: str = BY_TIME) -> Found:
     foreign: list[str] = []
     for file in files:
         try:
-            sources.append(open_source(file))
+            sources += opened_sources(file)
         except LogError as error:
             damaged.append(str(error))
         except HippomatError as error:
@@ -139,7 +140,8 @@ def _named(groups: list[list[LoggedRun]], root: Path) -> list[TrialFiles]:
 
 def _logged(opened: OpenedRun) -> LoggedRun:
     begun_ns, ended_ns = opened.span_ns
-    return LoggedRun(tuple(one.path for one in opened.sources), opened.manifest, begun_ns, ended_ns)
+    paths, inside = tuple(one.path for one in opened.sources), opened.sources[0].inside
+    return LoggedRun(paths, opened.manifest, begun_ns, ended_ns, inside)
 
 
 def _root(paths: Sequence[Path]) -> Path:

@@ -52,12 +52,20 @@ def read_truth(path: Path) -> Truth:
 def _read_npz(path: Path) -> Truth:
     try:
         with np.load(path) as file:
-            time_s, poses = file["stamp_ns"] / 1e9, np.asarray(file["poses"], np.float64)
+            stamp_ns, poses = file["stamp_ns"], np.asarray(file["poses"], np.float64)
+            right = np.zeros(poses.shape[1] if poses.ndim == 3 else 0, np.int64)
+            ahead_ns = file.get("clock_ahead_ns", right)  # runs before there were wrong clocks
+            drift_ppb = file.get("clock_drift_ppb", right)
     except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise HippomatError(f"{path}: is no truth.npz of hippomat-sim: {error}") from None
-    if poses.ndim != 3 or poses.shape[2] != 3 or len(time_s) != len(poses) or len(poses) < 2:
+    if poses.ndim != 3 or poses.shape[2] != 3 or len(stamp_ns) != len(poses) or len(poses) < 2:
         raise HippomatError(f"{path}: is no truth.npz of hippomat-sim: poses of shape {poses.shape}")
-    return Truth({k: _track(time_s, poses[:, k]) for k in range(poses.shape[1])}, simulated=True)
+    whole_s, rest_ns = np.divmod(stamp_ns, 10**9)  # their product with a drift would not fit into 64 bits
+    tracks = {}
+    for k in range(poses.shape[1]):
+        own_ns = stamp_ns + whole_s * drift_ppb[k] + rest_ns * drift_ppb[k] // 10**9 + ahead_ns[k]
+        tracks[k] = _track(own_ns / 1e9, poses[:, k])
+    return Truth(tracks, simulated=True)
 
 
 def _read_csv(path: Path) -> Truth:
