@@ -175,7 +175,7 @@
       const wide = LABEL_PX * (range.end - range.start) / Math.max(play.parentElement.clientWidth - BESIDE_PX, 1);
       const {label, room} = labels.data;
       labels.data = {...labels.data, shown: label.map((text, k) => (room[k] >= wide ? text : ""))};
-      requestAnimationFrame(() => TIMED.forEach(point));  // when the figures have their new size
+      TIMED.forEach(point);
     }
 
     play.addEventListener("click", toggle);
@@ -187,6 +187,7 @@
     source("time").properties.start.change.connect(arrange);
     source("time").properties.end.change.connect(arrange);
     window.addEventListener("resize", arrange);
+    for (const name of TIMED) source(name).properties.inner_width.change.connect(() => point(name));
     arrange();
     draw(0);
     window.hippomatReport = {draw, doc};  // for tests, and for whoever opens the console
