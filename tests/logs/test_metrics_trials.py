@@ -26,7 +26,7 @@ from hippomat_logs.metrics.comparison import Trial, compare
 from hippomat_logs.metrics.figures import FIGURES, number
 from hippomat_logs.metrics.intervals import mean_interval
 from hippomat_logs.metrics.trial_tables import latex_text
-from hippomat_logs.metrics.trials import BY_DIRECTORY, LoggedRun, _by_time, find_trials
+from hippomat_logs.metrics.trials import BY_DIRECTORY, BY_TIME, LoggedRun, _by_time, find_trials
 
 KEY = "completed"
 
@@ -81,12 +81,31 @@ def test_one_directory_per_robot_and_several_trials_in_each(tmp_path: Path) -> N
     assert len({one.name for one in found}) == 2
 
 
-def test_directories_decide_where_clocks_were_wrong(tmp_path: Path) -> None:
-    for robot in (0, 1):
+@pytest.mark.parametrize("by", [BY_TIME, BY_DIRECTORY])
+def test_robots_whose_clocks_are_years_apart_are_one_trial(tmp_path: Path, by: str) -> None:
+    for which, robots in (("one", (0, 1)), ("two", (0, 1, 2))):
+        for robot in robots:
+            ticks = [(0.0, m.Tick(0)), (50.0 - robot, m.Tick(0))]
+            wall_ns = WALL_NS + robot * 10**17
+            write_log(tmp_path / which / f"robot{robot}", robot, ticks, wall_ns=wall_ns, session=which)
+    found = find_trials([tmp_path], by).trials
+    assert [(one.name, one.robots) for one in found] == [("one", 2), ("two", 3)]
+
+
+def test_clocks_years_apart_leave_a_choice_where_a_robot_is_there_twice(tmp_path: Path) -> None:
+    for which, robot in enumerate((0, 0, 1)):
         ticks = [(0.0, m.Tick(0)), (50.0, m.Tick(0))]
-        write_log(tmp_path / "one" / f"robot{robot}", robot, ticks, wall_ns=WALL_NS + robot * 10**17)
-    assert len(find_trials([tmp_path]).trials) == 2
-    assert [one.robots for one in find_trials([tmp_path], BY_DIRECTORY).trials] == [2]
+        write_log(tmp_path, robot, ticks, wall_ns=WALL_NS + which * 10**17, session=f"s{which}")
+    assert [one.robots for one in find_trials([tmp_path]).trials] == [1, 1, 1]
+
+
+def test_a_fleet_has_no_more_robots_than_its_settings_say_and_they_took_equally_long(tmp_path: Path) -> None:
+    for place, robots, length_s in (("four", (0, 1, 2, 3), 50.0), ("short", (0, 1), 2.0)):
+        for robot in robots:
+            ticks = [(0.0, m.Tick(0)), (length_s if robot else 50.0, m.Tick(0))]
+            write_log(tmp_path / place, robot, ticks, wall_ns=WALL_NS + robot * 10**17)
+    assert len(find_trials([tmp_path / "four"]).trials) == 4  # FLEET has three
+    assert len(find_trials([tmp_path / "short"]).trials) == 2
 
 
 def runs_at(robots: list[tuple[int, int, int]]) -> list[LoggedRun]:

@@ -39,14 +39,15 @@ from hippomat_logs.metrics.trial_tables import (
 from hippomat_logs.metrics.trials import BY_DIRECTORY, BY_TIME, LoggedRun, TrialFiles, find_trials
 from hippomat_logs.metrics.truth import against_truth
 from hippomat_logs.metrics.truth_files import read_truth
-from hippomat_logs.reader import Run, open_again
+from hippomat_logs.reader import Run
 from hippomat_logs.report import DAMAGED, REPRODUCED
 
 ALL = "all"
 OWN_FRAME, MAP_FRAME = "own", "map"
 _TRIALS = (
     "what one trial is: time (default): runs of one fleet id that overlap by half of the shorter one, those "
-    "in one directory first; dir: all runs below each directory directly in PATH, for clocks that were wrong"
+    "in one directory first, and where each robot is there once whatever their clocks say; dir: all runs "
+    "below each directory directly in PATH. A fused file is one trial"
 )
 _BY = (
     "group trials by what their manifests say: method (allocator), robots, tasks, seed, policy, map, dir "
@@ -94,6 +95,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
         raise HippomatError(f"--baseline {options.baseline} needs --by KEY: a value of the first KEY")
     found = find_trials(options.paths, options.trials)
     errors = Console(stderr=True, highlight=False)
+    if not found.trials and not found.damaged and found.foreign:
+        more = f"; and so for {len(found.foreign) - 1} more" if len(found.foreign) > 1 else ""
+        raise HippomatError(found.foreign[0] + more)
     for line in found.foreign:
         errors.print(f"left out: {line}", style="yellow", markup=False)
     as_table = options.by or options.csv or options.markdown or options.latex
@@ -143,8 +147,7 @@ def _one_trial(trial: TrialFiles, options: argparse.Namespace, console: Console)
 
 def read_fleet(trial: TrialFiles, trust_clocks: bool) -> tuple[list[Run], Clocks, FleetMetrics]:
     """A process for each robot, and a progress bar; raises LogError where a log is damaged."""
-    size = sum(path.stat().st_size for path in trial.paths)
-    read = list(each_item(trial.runs, _read_robot, "reading", size))
+    read = list(each_item(trial.runs, _read_robot, "reading", trial.size))
     for one in read:
         if isinstance(one, HippomatError):
             raise one
@@ -157,7 +160,7 @@ def read_fleet(trial: TrialFiles, trust_clocks: bool) -> tuple[list[Run], Clocks
 def _read_robot(logged: LoggedRun) -> RobotMetrics | HippomatError:
     """In a process of its own; an error comes back as a value, so that it ends the others cleanly."""
     try:
-        return robot_metrics(open_again(logged.paths, logged.inside))
+        return robot_metrics(logged.open())
     except HippomatError as error:
         return error
 
@@ -190,7 +193,7 @@ def _many_trials(
     figures = chosen(
         options.figures or (PAPER if options.latex or options.markdown else [f.key for f in FIGURES])
     )
-    size = sum(path.stat().st_size for trial in trials for path in trial.paths)
+    size = sum(trial.size for trial in trials)
     work = partial(_read_trial, options.trust_clocks)
     read = [
         Trial(trial.name, fact, trial.pairing, *result)
@@ -214,7 +217,7 @@ def _many_trials(
 def _read_trial(trust_clocks: bool, trial: TrialFiles) -> tuple[dict[str, float], str]:
     """In a process of its own: figures, or why there are none."""
     try:
-        runs = [open_again(logged.paths, logged.inside) for logged in trial.runs]
+        runs = [logged.open() for logged in trial.runs]
         robots = [robot_metrics(run) for run in runs]
         return figures_of(fleet_metrics(runs, robots, clocks_of(runs, trusted=trust_clocks))), ""
     except HippomatError as error:

@@ -2,8 +2,9 @@
 
 A trial is what one fleet did at one time: runs of one fleet id that overlap in time by at least half of the
 shorter one, and in which no robot is twice at the same time. Logs in one directory are put together first, so
-that trials that were simulated side by side stay apart. Where the robots' clocks were wrong, directories
-decide alone. Knows no figures.
+that trials that were simulated side by side stay apart. Clocks may be years off: runs of different robots
+that fit in all but their time are one trial where they leave no choice. A fused file is one trial: whoever
+fused it said so. Knows no figures.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from typing import Any
 
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.opened_run import OpenedRun, group_opened, log_files
-from hippomat_logs.sources import Source, opened_sources
+from hippomat_logs.reader import Run, open_again
+from hippomat_logs.sources import FusedSource, Source, opened_sources
 
 MIN_OVERLAP = 0.5
 BY_TIME, BY_DIRECTORY = "time", "dir"
@@ -43,7 +45,11 @@ class LoggedRun:
     manifest: dict[str, str]
     begun_ns: int
     ended_ns: int
-    inside: str = ""  # of a fused file: which of its runs, see reader.Run
+    inside: str = ""  # of a fused file: which of its runs, as Run.inside
+
+    def open(self) -> Run:
+        """To be read, in whatever process; every checksum is checked."""
+        return open_again(self.paths, self.inside)
 
     @property
     def robot(self) -> int:
@@ -65,8 +71,10 @@ class TrialFiles:
     name: str
 
     @property
-    def paths(self) -> list[Path]:
-        return list(dict.fromkeys(path for run in self.runs for path in run.paths))
+    def size(self) -> int:
+        """Bytes of all its files."""
+        paths = {path for run in self.runs for path in run.paths}
+        return sum(path.stat().st_size for path in paths)
 
     @property
     def robots(self) -> int:
@@ -117,20 +125,27 @@ def find_trials(paths: Sequence[Path], by: str = BY_TIME) -> Found:
     runs = [_logged(one) for one in opened if one.manifest]
     foreign += [f"{one.sources[0].path}: not a robot's log of ours" for one in opened if not one.manifest]
     root = _root(paths)
-    groups = _by_directory(runs, paths) if by == BY_DIRECTORY else _by_time(runs, root)
-    return Found(_named(groups, root), foreign, damaged)
+    fused = _by_fused_file(runs)
+    own = [run for run in runs if not run.inside]
+    groups = _by_directory(own, paths) if by == BY_DIRECTORY else _by_time(own, root)
+    return Found(_named([*groups, *fused], root), foreign, damaged)
 
 
 def _named(groups: list[list[LoggedRun]], root: Path) -> list[TrialFiles]:
-    """By the directory that holds a trial, and the time of its start where that holds several."""
+    """By the directory that holds a trial, and the time of its start where that holds several.
+
+    By its file where it is fused.
+    """
     found: list[TrialFiles] = []
     groups.sort(key=lambda group: (_common_directory(group), _span_ns(group)))
-    places = Counter(map(_common_directory, groups))
+    places = Counter(_common_directory(group) for group in groups if not group[0].inside)
     for group in groups:
         place = _common_directory(group)
         below = os.path.relpath(place, root)
         name = root.name if below == "." else below
-        if places[place] > 1:
+        if group[0].inside:
+            name = os.path.relpath(group[0].paths[0].resolve().with_suffix(""), root)
+        elif places[place] > 1:
             begun = datetime.fromtimestamp(_span_ns(group)[0] / 1e9, timezone.utc)
             name += f" {begun:%Y-%m-%dT%H:%M:%SZ}"
         runs = tuple(sorted(group, key=lambda run: (run.robot, run.begun_ns)))
@@ -140,8 +155,9 @@ def _named(groups: list[list[LoggedRun]], root: Path) -> list[TrialFiles]:
 
 def _logged(opened: OpenedRun) -> LoggedRun:
     begun_ns, ended_ns = opened.span_ns
-    paths, inside = tuple(one.path for one in opened.sources), opened.sources[0].inside
-    return LoggedRun(paths, opened.manifest, begun_ns, ended_ns, inside)
+    first = opened.sources[0]
+    inside = first.inside if isinstance(first, FusedSource) else ""
+    return LoggedRun(tuple(one.path for one in opened.sources), opened.manifest, begun_ns, ended_ns, inside)
 
 
 def _root(paths: Sequence[Path]) -> Path:
@@ -154,6 +170,14 @@ def _common_directory(runs: Sequence[LoggedRun]) -> Path:
 
 
 # ---- which runs are one trial ----
+
+
+def _by_fused_file(runs: Sequence[LoggedRun]) -> list[list[LoggedRun]]:
+    groups: dict[Path, list[LoggedRun]] = {}
+    for run in runs:
+        if run.inside:
+            groups.setdefault(run.paths[0], []).append(run)
+    return list(groups.values())
 
 
 def _by_directory(runs: Sequence[LoggedRun], paths: Sequence[Path]) -> list[list[LoggedRun]]:
@@ -196,7 +220,39 @@ def _put_together(groups: list[list[LoggedRun]]) -> list[list[LoggedRun]]:
             max(fitting, key=lambda other: _overlap_ns(other, group)).extend(group)
         else:
             made.append(list(group))
+    return _whatever_the_time(made)
+
+
+def _whatever_the_time(groups: list[list[LoggedRun]]) -> list[list[LoggedRun]]:
+    """Groups that lack robots are put together whatever their clocks say, where that can be done in one way.
+
+    It can where no robot is there twice, the fleet's size has room for all, and they took equally long.
+    """
+    kinds: dict[str, list[list[LoggedRun]]] = {}
+    for group in groups:
+        kinds.setdefault(_kind(group[0].manifest), []).append(group)
+    made: list[list[LoggedRun]] = []
+    for kind, alike in kinds.items():
+        robots = [robot for group in alike for robot in {run.robot for run in group if run.robot >= 0}]
+        lengths_ns = [_length_ns(group) for group in alike]
+        one = kind and len(set(robots)) == len(robots) <= _fleet_size(alike[0][0].manifest)
+        if one and min(lengths_ns) >= MIN_OVERLAP * max(lengths_ns):
+            made.append([run for group in alike for run in group])
+        else:
+            made += alike
     return made
+
+
+def _kind(manifest: dict[str, str]) -> str:
+    """Equal for the robots of one trial; empty where the manifest has no settings."""
+    if "config" not in manifest:
+        return ""
+    fleet = json.loads(manifest["config"]).get("fleet", {})
+    return json.dumps([manifest.get("fleet"), manifest.get("map_hash"), fleet], sort_keys=True)
+
+
+def _fleet_size(manifest: dict[str, str]) -> int:
+    return int(json.loads(manifest["config"]).get("fleet", {}).get("size", 0))
 
 
 def _are_one(group: Sequence[LoggedRun], other: Sequence[LoggedRun]) -> bool:
