@@ -13,11 +13,16 @@ from sim_rooms import box_room
 from hippomat_logs.alignment import Alignment, align_runs
 from hippomat_logs.fusing import fuse
 from hippomat_logs.map_files import save_map
+from hippomat_logs.metrics.fleet import run_metrics
+from hippomat_logs.metrics.truth import against_truth
+from hippomat_logs.metrics.truth_files import read_truth
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.replay import ReplayOptions, replay_run
 from hippomat_logs.report import OK
 from hippomat_sim.clock_errors import YEAR_NS, ClockError
 from hippomat_sim.fleet_run import FleetRun, RunResult
+from hippomat_sim.pose_errors import pose_errors
+from hippomat_sim.run_logs import log_files
 from hippomat_sim.run_settings import RunSettings
 from hippomat_sim.views import PlainView
 
@@ -86,6 +91,20 @@ def test_common_time_is_within_two_milliseconds_of_the_truth(
         assert off_ns < WITHIN_NS
         assert off_ns <= clock.uncertainty_ns
         assert clock.violations == 0
+
+
+def test_metrics_are_sane_and_the_truth_s_are_pose_errors_whatever_the_clocks(
+    run: RunResult, runs: list[Run], alignment: Alignment
+) -> None:
+    fleet = run_metrics(run.logs)
+    assert 15.0 < fleet.duration_s < 60.0
+    assert fleet.allocation_s
+    assert all(0.0 <= value < fleet.duration_s for value in fleet.allocation_s)
+    errors = pose_errors(log_files(run.logs), run.truth_ns, run.truth, run.clock_errors)
+    found = against_truth(runs, alignment, read_truth(run.out / "truth.npz"))
+    for one, expected in zip(found.robots, errors, strict=True):
+        assert len(one.errors_m) > 100
+        assert one.errors_m == pytest.approx(expected.errors_m, abs=1e-6)
 
 
 def test_every_robot_of_the_fused_file_replays_as_its_own_log_does(

@@ -46,7 +46,7 @@ ALL = "all"
 OWN_FRAME, MAP_FRAME = "own", "map"
 _TRIALS = (
     "what one trial is: time (default): runs of one fleet id that overlap by half of the shorter one, those "
-    "in one directory first, and where each robot is there once whatever their clocks say; dir: all runs "
+    "in one directory first, and whatever their clocks say where each robot is there once; dir: all runs "
     "below each directory directly in PATH. A fused file is one trial"
 )
 _BY = (

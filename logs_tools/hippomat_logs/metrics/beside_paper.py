@@ -44,11 +44,11 @@ def beside_paper(metrics: FleetMetrics) -> Beside:
     method = paper.method_of(config.fleet.allocator)
     title = f"{method}, {config.fleet.size} agents, {kind} tasks"
     if not method:
-        return Beside(title, (), f"the paper has no values for the allocator {config.fleet.allocator}")
+        return Beside(title, (), f"it has no values for the allocator {config.fleet.allocator}")
     rows = _rows(metrics, config, method, fixed)
     if all(row.printed is None for row in rows):
         sizes = ", ".join(map(str, paper.sizes(paper.FIXED_SUCCESS if fixed else paper.CONTINUOUS_SUCCESS)))
-        return Beside(title, (), f"the paper has no values for {config.fleet.size} agents ({kind}: {sizes})")
+        return Beside(title, (), f"it has no values for {config.fleet.size} agents ({kind}: {sizes})")
     return Beside(title, rows)
 
 

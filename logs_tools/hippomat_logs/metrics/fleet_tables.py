@@ -53,7 +53,7 @@ def fleet_lines(metrics: FleetMetrics) -> list[str]:
         *_computer_lines(metrics),
         *_state_lines(metrics),
         *_trouble_lines(metrics),
-        *([f"times of different robots: {metrics.clocks}"] if metrics.clocks else []),
+        *([f"clocks: {metrics.clocks}"] if metrics.clocks else []),
     ]
 
 
@@ -116,7 +116,7 @@ def _state_lines(metrics: FleetMetrics) -> Iterator[str]:
     if sweeps:
         share = number(100 * sweeps["localized"] / sweeps.total(), 1)
         scores = [one.sweep_score for one in metrics.robots if one.sweep_score.count]
-        yield f"localized in {share} % of the lidar's sweeps; score: {spread(together(scores), 2, '')}"
+        yield f"localized in {share} % of the sweeps; score: {spread(together(scores), 2, '')}"
     counted = sum((Counter(robot.radio) for robot in metrics.robots), Counter[str]())
     bad = [f"{name} {n:,}" for name, n in counted.items() if name.startswith(_BAD_COUNTERS)]
     if bad:
@@ -195,21 +195,19 @@ def truth_lines(truth: TruthMetrics) -> Iterator[str]:
     """How the truth was put beside the logs, and what only it can say."""
     found, frame = truth.match, truth.match.frame
     if math.isnan(found.correlation):
-        yield "the truth is the simulator's: its clock and its frame are the robots'"
+        yield "the truth is the simulator's: its frame is the map's, and it knows the robots' clocks"
     else:
         alike = f"speeds correlate {found.correlation:.2f}"
         yield f"clock of the truth: {found.offset_s:+.3f} s makes it the logs'; {alike}"
         if frame == Rigid():
             yield "frame of the truth: taken as the map's"
         else:
-            turned = f"turned by {math.degrees(frame.yaw_rad):.2f} deg, shifted by"
-            yield f"frame of the truth: {turned} ({frame.x_m:.3f}, {frame.y_m:.3f}) m, which fits best"
+            turned = f"turned {math.degrees(frame.yaw_rad):.2f} deg, shifted"
+            yield f"frame of the truth: {turned} ({frame.x_m:.3f}, {frame.y_m:.3f}) m, as fits best"
     if truth.nearest is not None:
         a, b = truth.nearest.robots
-        how = (
-            f"{100 * truth.nearest.clear_m:.0f} cm between their discs, {truth.nearest.time_s:.1f} s into it"
-        )
-        yield f"nearest: robots {a} and {b}, {how}"
+        how = f"{100 * truth.nearest.clear_m:.0f} cm between their discs"
+        yield f"nearest: robots {a} and {b}, {how}, {truth.nearest.time_s:.1f} s into the truth"
 
 
 def name_of(robot: int) -> str:

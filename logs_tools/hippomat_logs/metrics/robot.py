@@ -146,7 +146,7 @@ class MetricsReading:
         self._latency, self._computer, self._radio = LatencyReading(), ComputerReading(), RadioReading()
         self._path = array("f")
         self._agreed = False  # our radio's fleet time is the fleet's
-        self._first_ns = self._log_time_ns = 0
+        self._first_ns = self._last_ns = self._log_time_ns = 0
         self._see: dict[type, Callable[[Any], None]] = {
             kind: getattr(self, name) for kind, name in _HANDLERS.items()
         }
@@ -155,6 +155,7 @@ class MetricsReading:
         """Records that say nothing of interest only make the run longer."""
         self._log_time_ns = record.log_time_ns
         self._first_ns = self._first_ns or record.log_time_ns
+        self._last_ns = max(self._last_ns, record.log_time_ns)
         see = self._see.get(type(record.message))
         if see is not None:
             see(record.message)
@@ -163,7 +164,7 @@ class MetricsReading:
         found = self._metrics
         self._latency.close()
         found.begun_s = self._first_ns / 1e9 if self._first_ns else math.nan
-        found.duration_s = (self._log_time_ns - self._first_ns) / 1e9
+        found.duration_s = (self._last_ns - self._first_ns) / 1e9
         found.links, found.computer = self._links.result(), self._computer.result()
         found.radio, found.radio_reboots = self._radio.counts, self._radio.reboots
         found.air_ms, found.radio_to_host_ms = self._latency.air_ms, self._latency.radio_to_host_ms

@@ -1,8 +1,8 @@
 """Which logs are one trial, and what its manifests say of it: found by indexes alone, whatever lies where.
 
 A trial is what one fleet did at one time: runs of one fleet id that overlap in time by at least half of the
-shorter one, and in which no robot is twice at the same time. Logs in one directory are put together first, so
-that trials that were simulated side by side stay apart. Clocks may be years off: runs of different robots
+shorter one, and in which no robot is twice at the same time. Logs in one directory are put together first,
+so that trials that were simulated side by side stay apart. Clocks may be years off: runs of different robots
 that fit in all but their time are one trial where they leave no choice. A fused file is one trial: whoever
 fused it said so. Knows no figures.
 """

@@ -107,7 +107,7 @@ def believed(run: Run) -> Believed:
 def against_truth(
     runs: Sequence[Run], alignment: Alignment, truth: Truth, *, map_frame: bool = False
 ) -> TruthMetrics:
-    """map_frame: the truth is in the map's frame. A simulator's truth is, and on the robots' clocks."""
+    """map_frame: the truth is in the map's frame. A simulator's truth is, and knows the robots' clocks."""
     told: dict[int, tuple[Run, Believed]] = {}
     for run in runs:
         if run.robot in truth.tracks:
@@ -119,10 +119,16 @@ def against_truth(
         ids = ", ".join(map(str, sorted(truth.tracks)))
         raise HippomatError(f"--truth has robots {ids}, the logs hold poses of none of them")
     if truth.simulated:
-        tracks = {k: _on_clock(run, one, run.wall_offset_ns, None) for k, (run, one) in told.items()}
+        tracks = {
+            k: Track(truth.world_s(k, one.time_ns - run.wall_offset_ns), one.poses)
+            for k, (run, one) in told.items()
+        }
         found = Match(0.0, math.nan, Rigid())
     else:
-        tracks = {k: _on_clock(run, one, 0, alignment) for k, (run, one) in told.items()}
+        tracks = {
+            k: Track(alignment.common_ns_array(run, one.time_ns) / 1e9, one.poses)
+            for k, (run, one) in told.items()
+        }
         sure = {k: _where(track, told[k][1].known) for k, track in tracks.items()}
         moving = {k: track for k, track in sure.items() if len(track.time_s) > 1}
         found = match(moving, truth.tracks, fit_frame=not map_frame)
@@ -132,12 +138,6 @@ def against_truth(
     ]
     radii_m = {robot: run.config.robot.radius_m for robot, (run, _) in told.items()}
     return TruthMetrics(found, robots, _nearest(truth.tracks, radii_m))
-
-
-def _on_clock(run: Run, one: Believed, less_ns: int, alignment: Alignment | None) -> Track:
-    """On the fleet's common time, or on the run's own clock less an offset [s]."""
-    time_ns = one.time_ns - less_ns if alignment is None else alignment.common_ns_array(run, one.time_ns)
-    return Track(time_ns / 1e9, one.poses)
 
 
 def _where(track: Track, mask: NDArray[np.bool_]) -> Track:

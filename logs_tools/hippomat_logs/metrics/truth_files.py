@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import math
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from hippomat_core.errors import HippomatError
 Floats = NDArray[np.float64]
 REQUIRED = ("time_s", "robot", "x_m", "y_m")
 YAW = "yaw_rad"
+CLOCKS = ("clock_ahead_ns", "clock_drift_ppb")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +37,17 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Tracks by robot. simulated: time_s is the daemons' monotonic clock, and the frame is the map's."""
+    """Tracks by robot. simulated: time_s is the world's clock, and the frame is the map's."""
 
     tracks: dict[int, Track]
     simulated: bool = False
+    clocks: dict[int, tuple[int, int]] = field(default_factory=dict)
+    # robot -> ns by which its monotonic clock was ahead at the world's 0, parts in 10^9 by which it was fast
+
+    def world_s(self, robot: int, own_ns: NDArray[np.int64]) -> Floats:
+        """(n,) the world's clock at these times of the robot's monotonic one."""
+        ahead_ns, drift_ppb = self.clocks.get(robot, (0, 0))
+        return (own_ns - ahead_ns) / 1e9 / (1.0 + drift_ppb / 1e9)
 
 
 def read_truth(path: Path) -> Truth:
@@ -52,20 +60,15 @@ def read_truth(path: Path) -> Truth:
 def _read_npz(path: Path) -> Truth:
     try:
         with np.load(path) as file:
-            stamp_ns, poses = file["stamp_ns"], np.asarray(file["poses"], np.float64)
-            right = np.zeros(poses.shape[1] if poses.ndim == 3 else 0, np.int64)
-            ahead_ns = file.get("clock_ahead_ns", right)  # runs before there were wrong clocks
-            drift_ppb = file.get("clock_drift_ppb", right)
+            time_s, poses = file["stamp_ns"] / 1e9, np.asarray(file["poses"], np.float64)
+            wrong = [file[name].tolist() for name in CLOCKS if name in file]  # absent: all clocks were right
     except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise HippomatError(f"{path}: is no truth.npz of hippomat-sim: {error}") from None
-    if poses.ndim != 3 or poses.shape[2] != 3 or len(stamp_ns) != len(poses) or len(poses) < 2:
+    if poses.ndim != 3 or poses.shape[2] != 3 or len(time_s) != len(poses) or len(poses) < 2:
         raise HippomatError(f"{path}: is no truth.npz of hippomat-sim: poses of shape {poses.shape}")
-    whole_s, rest_ns = np.divmod(stamp_ns, 10**9)  # their product with a drift would not fit into 64 bits
-    tracks = {}
-    for k in range(poses.shape[1]):
-        own_ns = stamp_ns + whole_s * drift_ppb[k] + rest_ns * drift_ppb[k] // 10**9 + ahead_ns[k]
-        tracks[k] = _track(own_ns / 1e9, poses[:, k])
-    return Truth(tracks, simulated=True)
+    tracks = {k: _track(time_s, poses[:, k]) for k in range(poses.shape[1])}
+    clocks = dict(enumerate(zip(*wrong, strict=True))) if len(wrong) == len(CLOCKS) else {}
+    return Truth(tracks, True, clocks)
 
 
 def _read_csv(path: Path) -> Truth:
