@@ -16,7 +16,7 @@ demo: $(VENV)/.sim
 	$(BIN)/hippomat-sim demo
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff format --check .

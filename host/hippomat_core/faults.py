@@ -23,6 +23,8 @@ def with_faults(state: State, now_ns: int, effects: list[Effect]) -> State:
     since = dict(state.faults)
     faults = tuple((code, since.get(code, now_ns)) for code in _faults(state, now_ns))
     quiet = now_ns - state.started_ns < STARTUP_NS
+    if not faults and not state.faults and not state.alarms:
+        return state
     codes = frozenset(code for code, _ in faults)
     raised = frozenset() if quiet else codes - state.alarms
     cleared = frozenset(BY_CODE) & state.alarms - codes

@@ -29,12 +29,34 @@ else:
 _COPIERS: dict[type, _Copier] = {}
 
 
-def _copier(kind: type) -> _Copier:
+def maker_of(kind: type) -> Callable[..., Any]:
+    """What makes a `kind` of all its fields, in their order, faster than the __init__ of a frozen class."""
+    setters = _setters(kind)
+    if setters is None:
+        return kind
+    sets = "".join(f" s{k}(made, v{k})\n" for k in range(len(setters)))  # a field may have any name
+    code = (
+        f"def make({', '.join(f'v{k}' for k in range(len(setters)))}):\n made = new(kind)\n{sets} return made"
+    )
+    names: dict[str, Any] = {"new": object.__new__, "kind": kind}
+    names.update((f"s{k}", setter) for k, setter in enumerate(setters.values()))
+    exec(compile(code, "<maker>", "exec"), names)
+    return names["make"]  # type: ignore[no-any-return]
+
+
+def _setters(kind: type) -> dict[str, Callable[[Any, Any], None]] | None:
+    """By field, what writes its slot; None where __init__ does more than that."""
     fields = dataclasses.fields(kind)
     slots = set(kind.__dict__.get("__slots__", ()))
     if hasattr(kind, "__post_init__") or any(not f.init or f.name not in slots for f in fields):
+        return None
+    return {f.name: kind.__dict__[f.name].__set__ for f in fields}
+
+
+def _copier(kind: type) -> _Copier:
+    setters = _setters(kind)
+    if setters is None:
         return lambda value, changes: dataclasses.replace(value, **changes)
-    setters = {f.name: kind.__dict__[f.name].__set__ for f in fields}
     copied = "".join(f" set_{name}(made, value.{name})\n" for name in setters)
     code = f"def copy(value, changes):\n made = new(kind)\n{copied}"
     code += " for name in changes: setters[name](made, changes[name])\n return made"

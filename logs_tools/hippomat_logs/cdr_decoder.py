@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from hippomat_core.replaced import maker_of
 from hippomat_logs.cdr_encoder import ENCAPSULATION, LETTERS, FieldSpec, padded
 
 Decoder = Callable[[Any], Any]  # bytes or memoryview -> a record; its arrays are read-only
@@ -43,7 +44,7 @@ class _Source:
 
     def value(self, kind: type, fields: Iterable[FieldSpec]) -> str:
         """The expression that makes a `kind` once the lines so far have run."""
-        self.names[kind.__name__] = kind
+        self.names[kind.__name__] = maker_of(kind)
         return f"{kind.__name__}({', '.join([self._field(one) for one in fields])})"
 
     def end_run(self) -> None:

@@ -5,6 +5,7 @@ Runs the core in a process of its own that computes with as many threads as the 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -24,16 +25,23 @@ from hippomat_logs.selection import Selection, write_selection
 AROUND_S = 2.0
 
 
-def clip(runs: Sequence[Run], out: Path, console: Console) -> int:
+def clip(runs: Sequence[Run], out: Path, as_json: bool, console: Console) -> int:
     """Of the first run that diverges. The exit code is replay's: DIVERGED, or REPRODUCED and no clip."""
     refuse_existing(out)
     for run in runs:
         told = in_a_process(run, clip_of, run.paths, out)
         if told:
-            console.print(f"{out}: {told}", markup=False)
+            if as_json:
+                print(json.dumps({"clip": str(out), "run": run.name, "shows": told}))
+            else:
+                console.print(f"{out}: {told}", markup=False)
             return DIVERGED
+    if as_json:
+        print(json.dumps({"clip": None}))
+        return REPRODUCED
     names = ", ".join(run.name for run in runs)
-    console.print(f"{names}: reproduced; there is no divergence to clip (--at S cuts a window to look at)")
+    told = "there is no divergence to clip (--at S cuts a window to look at)"
+    console.print(f"{names}: reproduced; {told}", markup=False)
     return REPRODUCED
 
 

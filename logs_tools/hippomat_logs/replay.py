@@ -84,10 +84,14 @@ def _offline_levels(
                 progress("L0-L2", run.records)
             if decisions is not None and raw.topic in EFFECT_TOPICS and decisions.takes(raw):
                 continue
+            fed = decisions is not None and raw.topic in FED_TOPICS
+            if bytes_check is None and not fed:
+                run.check(path, raw)
+                continue
             record = run.decoded(path, raw)
             if bytes_check is not None:
                 bytes_check.feed(record)
-            if decisions is not None and raw.topic in FED_TOPICS:
+            if decisions is not None and fed:
                 decisions.feed(record)
     except LogError as error:
         report.results.append(LevelResult("L0", LOSSY, run.records, "records", str(error)))

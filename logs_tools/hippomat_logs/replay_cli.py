@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.serve:
             return serve(runs, console, options.speed, options.step)
         if options.clip:
-            return clip(runs, options.clip, console)
+            return clip(runs, options.clip, options.json, console)
         if again:
             return closed_loop.run(runs, options, console)
         reports = replay_all(runs, replay_options(options))

@@ -71,6 +71,7 @@ class Source(Protocol):
     path: Path
     streams: dict[int, Stream]
     left_out: dict[str, str]  # topic -> why
+    inside: str  # which run of a fused file this is; empty: all of the file
 
     @property
     def span_ns(self) -> tuple[int, int]: ...
@@ -84,6 +85,8 @@ class Source(Protocol):
 
 class McapSource:
     """An .mcap file."""
+
+    inside = ""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -170,6 +173,8 @@ class RosbagSource:
 
     ROS 1 messages become CDR of the bag's own definitions, so nothing is lost: a Header keeps its seq.
     """
+
+    inside = ""
 
     def __init__(self, path: Path) -> None:
         self.path = path

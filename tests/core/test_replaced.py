@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hippomat_core.replaced import replace
+from hippomat_core.replaced import maker_of, replace
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,3 +65,17 @@ def test_a_class_without_slots_and_an_unknown_field() -> None:
     assert replace(WithoutSlots(), b=5) == WithoutSlots(1, 5)
     with pytest.raises((TypeError, KeyError)):
         replace(Plain(1), d=1)  # type: ignore[call-arg]
+
+
+@dataclass(frozen=True, slots=True)
+class NamedLikeCode:
+    kind: int
+    made: str
+    new: float
+
+
+def test_a_maker_makes_what_the_class_makes_whatever_its_fields_are_called() -> None:
+    assert maker_of(NamedLikeCode)(1, "x", 2.0) == NamedLikeCode(1, "x", 2.0)
+    assert maker_of(Plain)(1, "x", (3,)) == Plain(1, "x", (3,))
+    with pytest.raises(ValueError, match="a < 0"):
+        maker_of(Checked)(-1)

@@ -63,6 +63,7 @@ def pose_of(robot: int, robots: int, at_s: float) -> tuple[float, float, float]:
 def _record_round(recorder: Recorder, robot: int, robots: int, round_: int, with_tasks: bool) -> None:
     stamp_ns = START_NS + round_ * 100_000_000
     x_m, y_m, yaw_rad = pose_of(robot, robots, round_ / 10)
+    recorder.event(m.RoundEnded(stamp_ns, round_, round_ * 100_000, round_ * 100_000, 0, agreed=True))
     recorder.event(m.Tick(stamp_ns))
     if with_tasks and round_ == 0:
         for slot in range(SLOTS):

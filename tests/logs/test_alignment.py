@@ -108,9 +108,7 @@ def test_setting_a_clock_changes_its_offset_and_nothing_else(shift_ns: int, who:
         dataclasses.replace(robot, clock=Clock(20 * YEAR_S * S, 30.0 * k)) for k, robot in enumerate(THREE)
     ]
     runs, moved = (fleet(there, 6.0, 3) for _ in range(2))
-    moved[who].told = [
-        dataclasses.replace(raw, log_time_ns=raw.log_time_ns + shift_ns) for raw in moved[who].told
-    ]
+    moved[who].told = [raw._replace(log_time_ns=raw.log_time_ns + shift_ns) for raw in moved[who].told]
     before, after = align_runs(runs), align_runs(moved)
     times = np.array([raw.log_time_ns for raw in runs[who].told])
     root_shift_ns = shift_ns if who == 0 else 0  # the reference takes common time along

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +134,8 @@ def test_a_run_that_is_reproduced_has_nothing_to_clip(
 ) -> None:
     assert main([str(log), "--clip", str(tmp_path / "clip.mcap")]) == 0
     assert "there is no divergence to clip" in " ".join(capsys.readouterr().out.split())
+    assert main([str(log), "--clip", str(tmp_path / "clip.mcap"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"clip": None}
     assert not (tmp_path / "clip.mcap").exists()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -221,7 +220,7 @@ def test_two_sessions_of_a_robot_and_an_observer_have_topics_of_their_own(tmp_pa
     write_log(logs, zero, 0)
     middle = len(one) // 2
     write_log(logs, one[:middle], 1, session="aaaaaaaa")
-    again = [dataclasses.replace(raw, number=k) for k, raw in enumerate(one[middle:], 1)]
+    again = [raw._replace(number=k) for k, raw in enumerate(one[middle:], 1)]
     write_log(logs, again, 1, session="bbbbbbbb")
     write_log(logs, listener, -1)
     assert main(["fuse", str(logs), "-o", str(tmp_path / "fused.mcap")]) == 0

@@ -291,7 +291,7 @@ def test_a_damaged_trial_is_left_out_by_name(
     assert main(["metrics", str(tmp_path), "--by", "method"]) == 3
     told = capsys.readouterr()
     assert "left out: trial bad" in told.err
-    assert "merged.mcap" in told.err
+    assert "merged.mcap" in told.err.replace("\n", "")
     assert "greedy" in told.out
     assert runs.is_dir()
 

@@ -26,7 +26,7 @@ from hippomat_logs.report_html import data as shown
 from hippomat_logs.report_html.assembly import HELD_S, MOST_POSES, frames_of, task_lives
 from hippomat_logs.report_html.building import build
 from hippomat_logs.report_html.data import Body, ClaimEnd, RobotView, TaskSeen, Track
-from hippomat_logs.report_html.figures import coarser
+from hippomat_logs.report_html.map_figure import coarser
 from hippomat_logs.report_html.matrices import quantile
 
 SCRIPT = "<script>window.pwned = true</script>"
@@ -68,6 +68,20 @@ def test_peers_without_a_log_are_shown_as_they_were_heard(tmp_path: Path) -> Non
     assert data.frames.x_m[2, at] == pytest.approx(x_m, abs=0.1)
     assert data.frames.y_m[2, at] == pytest.approx(y_m, abs=0.1)
     assert data.title == "Robot 1 of fleet 1"
+
+
+def test_a_fused_file_shows_what_its_logs_show(tmp_path: Path) -> None:
+    logs, fused = tmp_path / "logs", tmp_path / "fused.mcap"
+    write_fleet(logs, robots=2)
+    assert main(["fuse", str(logs), "-o", str(fused), "--trust-clocks"]) == 0
+    apart, _ = build([logs])
+    together, whole = build([fused])
+    assert whole
+    assert [robot.robot for robot in together.robots] == [0, 1]
+    assert np.array_equal(together.frames.x_m, apart.frames.x_m, equal_nan=True)
+    assert [robot.spans for robot in together.robots] == [robot.spans for robot in apart.robots]
+    both, _ = build([logs, fused])
+    assert [log.robot for log in both.robots] == [0, 1]
 
 
 def test_an_observers_log_alone_shows_whom_it_heard(tmp_path: Path) -> None:

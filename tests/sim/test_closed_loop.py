@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lockstep_lab import SEED
+from lockstep_lab import SEED, record
 
 from hippomat_core.messages import RelayHeard, StateHeard, TasksHeard
 from hippomat_core.wire.frames import STATE
+from hippomat_logs.cli import main as logs
 from hippomat_logs.closed_loop.choice import Choice, other_choice
+from hippomat_logs.closed_loop.command import recorded_metrics
 from hippomat_logs.closed_loop.figures import paired_differences, values_of
 from hippomat_logs.closed_loop.open_loop import open_loop
 from hippomat_logs.closed_loop.plan import Air, FleetPlan, parse_air
@@ -93,9 +95,7 @@ def test_robots_begin_where_and_when_they_began(recording: Recording) -> None:
 
 
 def test_a_re_run_with_the_recorded_seed_and_radio_gives_the_recorded_figures(recording: Recording) -> None:
-    from hippomat_logs.metrics import fleet_metrics
-
-    recorded, again = fleet_metrics(recording.runs), rerun_metrics(recording.plan, SEED)
+    recorded, again = recorded_metrics(recording), rerun_metrics(recording.plan, SEED)
     assert [one.task for one in again.completed] == [one.task for one in recorded.completed]
     assert again.travel_cost_s == pytest.approx(recorded.travel_cost_s)
     assert again.conflict_free_rate == recorded.conflict_free_rate
@@ -132,6 +132,19 @@ def test_without_a_log_of_one_robot_the_others_run_again_and_it_is_said(
     assert "no log of robot 1: the re-runs are without it" in found.notes[0]
     _, counts = heard_in(found.plan, 1)
     assert [bool(one.sent) for one in counts] == [True, False, True]
+
+
+def test_a_fused_fleet_is_run_again_like_its_parts(
+    recording: Recording, recorded_fleet: Path, tmp_path: Path
+) -> None:
+    fused = tmp_path / "fleet.mcap"
+    assert logs(["fuse", str(recorded_fleet), "-o", str(fused)]) == 0
+    found = read_recording(open_runs([fused]), parse_air("recorded"))
+    for sender, deliveries in recording.plan.air.deliveries.items():
+        again = found.plan.air.deliveries[sender]
+        assert len(again.kinds) == len(deliveries.kinds)
+        assert np.array_equal(again.heard, deliveries.heard)
+    assert open_loop(found.runs, Choice("greedy", None)) == open_loop(recording.runs, Choice("greedy", None))
 
 
 def test_of_the_nearest_frames_the_one_of_its_kind_decides(recording: Recording) -> None:
@@ -186,8 +199,6 @@ def test_without_a_simulator_the_remedy_is_named(
 def test_two_runs_of_one_robot_are_no_fleet(
     recorded_fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from lockstep_lab import record
-
     other = record(tmp_path, seed=9, seconds=1.0)
     assert main([str(recorded_fleet), str(other), "--closed-loop"]) == 1
     assert "has 2 runs" in capsys.readouterr().out

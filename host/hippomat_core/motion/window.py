@@ -4,6 +4,10 @@ Windowed prioritised space-time planning (Silver 2005), with two differences tha
 finds no path moves to the front of the line and the window starts anew; and who has had its goal longest is
 first in line to begin with. Plans are kept for half a window; where a robot gets a new goal meanwhile, only
 its own path is searched again. Knows what it is told in the Scene, nothing of radios.
+
+In a crowd so dense that the line has started anew twice per robot in vain, whoever found no path stays where
+it is, and later moves of others may lead through it (`whole` is False then): a plan is a wish, and only moves
+that are committed are driven (commitment.py).
 """
 
 from __future__ import annotations
@@ -29,6 +33,11 @@ class WindowPlanner:
         self._moves, self._kept_moves = moves, kept_moves
         self._memory: dict[tuple[int, int, int], tuple[Table, Search]] = {}
         self._reserved: Plan | None = None  # whose reservations are in the table
+
+    @property
+    def whole(self) -> bool:
+        """Whether every robot found a path in the last plan that was made: then no two of it meet."""
+        return self._reserved is not None
 
     def plan(self, scene: Scene, before: Plan | None) -> Plan:
         """See scene.MotionPlanner."""

@@ -30,7 +30,8 @@ from hippomat_logs.closed_loop.open_loop import OpenLoop, open_loop
 from hippomat_logs.closed_loop.plan import RECORDED, parse_air
 from hippomat_logs.closed_loop.recorded import Recording, read_recording
 from hippomat_logs.closed_loop.rerun import fleet_world, rerun_all
-from hippomat_logs.metrics import FleetMetrics, robot_metrics
+from hippomat_logs.metrics import FleetMetrics, fleet_metrics, robot_metrics
+from hippomat_logs.metrics.fleet import Clocks
 from hippomat_logs.reader import Run
 from hippomat_logs.report import DIVERGED, REPRODUCED
 
@@ -156,14 +157,8 @@ def _closed_loop(recording: Recording, seeds: list[int], other: Choice | None) -
 
 def recorded_metrics(recording: Recording) -> FleetMetrics:
     """Of the logs, all times on the fleet's common clock."""
-    robots = []
-    for run_ in recording.runs:
-
-        def common_s(at_s: float, run_: Run = run_) -> float:
-            return recording.alignment.common_ns(run_, round(at_s * 1e9)) / 1e9
-
-        robots.append(robot_metrics(run_).moved(common_s))
-    return FleetMetrics(robots)
+    robots = [robot_metrics(run_) for run_ in recording.runs]
+    return fleet_metrics(recording.runs, robots, Clocks(recording.alignment, ""))
 
 
 def _allocator(recording: Recording) -> str:

@@ -7,6 +7,7 @@ what would have come of it: that takes a closed loop.
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -23,7 +24,8 @@ from hippomat_core.errors import HippomatError
 from hippomat_core.step import initial_state, step
 from hippomat_logs.closed_loop.choice import Choice
 from hippomat_logs.each_file import WORTH_A_PROCESS_BYTES, each_item
-from hippomat_logs.reader import Run, open_runs
+from hippomat_logs.manifest import recorded_threads
+from hippomat_logs.reader import Run, open_again
 from hippomat_logs.schema import EVENTS
 
 Task = tuple[int, int]  # slot, generation
@@ -99,7 +101,11 @@ class Watched:
 def open_loop(runs: Sequence[Run], choice: Choice) -> OpenLoop:
     """All robots' rounds; a process for each log."""
     size = WORTH_A_PROCESS_BYTES if len(runs) > 1 else 0
-    answers = list(each_item([run.paths for run in runs], partial(_answers, choice), "open loop", size))
+    os.environ.update(
+        recorded_threads(runs[0].manifest)
+    )  # of the processes: sums depend on it in the last bit
+    places = [(run.paths, run.inside) for run in runs]
+    answers = list(each_item(places, partial(_answers, choice), "open loop", size))
     asked = [one for robot in answers for one in robot.asked]
     return OpenLoop(
         len(asked),
@@ -110,9 +116,8 @@ def open_loop(runs: Sequence[Run], choice: Choice) -> OpenLoop:
     )
 
 
-def _answers(choice: Choice, paths: Sequence[Path]) -> RobotAnswers:
-    (run,) = open_runs(paths)
-    return robot_answers(run, choice)
+def _answers(choice: Choice, place: tuple[tuple[Path, ...], str]) -> RobotAnswers:
+    return robot_answers(open_again(*place), choice)
 
 
 def robot_answers(run: Run, choice: Choice) -> RobotAnswers:

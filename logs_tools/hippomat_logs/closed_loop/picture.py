@@ -81,13 +81,15 @@ def _distribution(axis: Any, one: Distribution, name: str, other: list[float], o
     axis.set_xlabel(one.figure.unit or "", fontsize=9)
     axis.set_ylabel("re-runs", fontsize=9)
     axis.yaxis.get_major_locator().set_params(integer=True)
+    if one.figure.digits == 0:
+        axis.xaxis.get_major_locator().set_params(integer=True)
     axis.tick_params(labelsize=8)
 
 
 def _edges(values: np.ndarray[Any, np.dtype[np.float64]], figure: Figure) -> np.ndarray[Any, Any]:
     """Counts get a bin per whole number, as long as those are few."""
     low, high = float(values.min()), float(values.max())
-    if figure.digits == 0 and high - low <= 24:
+    if figure.digits == 0 and high - low <= 24:  # bars around whole numbers
         return np.arange(low - 0.5, high + 1.0)
     if low == high:
         return np.linspace(low - 0.5, high + 0.5, 4)

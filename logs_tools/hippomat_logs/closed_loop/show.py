@@ -15,6 +15,8 @@ from hippomat_logs.closed_loop.open_loop import OpenLoop
 if TYPE_CHECKING:
     from hippomat_logs.closed_loop.command import ClosedLoop
 
+ENOUGH = 20  # re-runs, for a distribution to be one
+
 
 def notes(lines: Sequence[str], console: Console) -> None:
     """What a reader has to know before the figures."""
@@ -60,6 +62,8 @@ def closed(found: ClosedLoop, console: Console) -> None:
         )
     console.print(table)
     console.print("percentile: share of the re-runs below the recorded value, ties half")
+    if count < ENOUGH:
+        console.print(f"level L4 asks for {ENOUGH} re-runs or more: --seeds {ENOUGH}")
     beyond = [one.figure.title for one in found.distributions if one.outside]
     if beyond:
         verb = "lies" if len(beyond) == 1 else "lie"

@@ -16,11 +16,12 @@ from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.metrics import KINDS as METRICS_KINDS
 from hippomat_logs.metrics import MetricsReading, RobotMetrics
 from hippomat_logs.opened_run import log_files
-from hippomat_logs.reader import Losses, Record, Run, mapped, open_runs, reading_store
+from hippomat_logs.reader import Losses, Record, Run, mapped, open_again, reading_store, runs_inside
 from hippomat_logs.records import DropRecord
 from hippomat_logs.recovery import lenient_contents
 from hippomat_logs.report_html.reading import KINDS, LogReading, ViewReader
 from hippomat_logs.schema import TOPICS
+from hippomat_logs.walk import Contents
 
 READ = tuple(dict.fromkeys((Started, *KINDS, *METRICS_KINDS)))
 _TOPICS_READ = {TOPICS[kind]: kind for kind in READ}
@@ -33,6 +34,7 @@ class FoundLog:
 
     paths: tuple[Path, ...]
     manifest: dict[str, str]
+    inside: str = ""  # of a fused file: the prefix of this run's topics
 
     @property
     def robot(self) -> int:
@@ -41,7 +43,7 @@ class FoundLog:
 
     @property
     def run(self) -> Run:
-        return Run(self.paths, self.manifest)
+        return Run(self.paths, self.manifest, inside=self.inside)
 
     @property
     def who(self) -> str:
@@ -62,22 +64,25 @@ class ReadLog:
 
 def find_logs(paths: Sequence[Path]) -> list[FoundLog]:
     """The logs of one run of one fleet, by robot. HippomatError where the files hold anything else."""
-    groups: dict[tuple[int, str], list[tuple[int, Path, dict[str, str]]]] = {}
+    groups: dict[tuple[int, str, str], list[tuple[int, Path, dict[str, str]]]] = {}
     for path in dict.fromkeys(file for one in paths for file in log_files(one)):
-        manifest = _manifest(path)
-        key = int(manifest.get("robot", "-1")), manifest.get("session_id", "")
-        groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, manifest))
-    logs = []
-    for key in sorted(groups):
-        parts = sorted(groups[key], key=lambda part: part[:2])
-        logs.append(FoundLog(tuple(path for _, path, _ in parts), parts[0][2]))
-    _check_one_run(logs)
-    return logs
+        for inside in runs_inside(path) or ("",):
+            manifest = _manifest(path, inside)
+            key = int(manifest.get("robot", "-1")), manifest.get("session_id", ""), inside
+            groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, manifest))
+    logs: dict[tuple[int, str], FoundLog] = {}
+    for robot, session, inside in sorted(groups):  # a run's own files come before a fused one that has it too
+        parts = sorted(groups[robot, session, inside], key=lambda part: part[:2])
+        log = FoundLog(tuple(path for _, path, _ in parts), parts[0][2], inside)
+        logs.setdefault((robot, session), log)
+    found = list(logs.values())
+    _check_one_run(found)
+    return found
 
 
-def _manifest(path: Path) -> dict[str, str]:
+def _manifest(path: Path, inside: str) -> dict[str, str]:
     """Of a whole or a damaged log; there are two copies in a file."""
-    contents = lenient_contents(reading_store())
+    contents = _contents(inside)
     with mapped(path) as data:
         for _ in walk_leniently(data, contents):
             if contents.manifest:
@@ -88,6 +93,11 @@ def _manifest(path: Path) -> dict[str, str]:
             "`hippomat-logs plot` draws other recordings"
         )
     return contents.manifest
+
+
+def _contents(inside: str) -> Contents:
+    """For a walk over one run of a file that may be damaged."""
+    return Contents(inside=inside) if inside else lenient_contents(reading_store())
 
 
 def _check_one_run(logs: Sequence[FoundLog]) -> None:
@@ -113,7 +123,7 @@ def read_log(log: FoundLog, known: Collection[int]) -> ReadLog:
     Raises HippomatError only where another version recorded it.
     """
     try:
-        (run,) = open_runs(log.paths)
+        run = open_again(log.paths, log.inside)
         found = _fed(log, run.records_in_order(READ), known)
     except LogError as error:
         faults: list[str] = [str(error)]
@@ -139,7 +149,7 @@ def _what_is_left(log: FoundLog, faults: list[str]) -> Iterator[Record]:
     """The records whose checksums hold, in all parts; what was passed over goes to `faults`."""
     store, losses, expected, missing = reading_store(), Losses(), 1, 0
     for path in log.paths:
-        contents = lenient_contents(store)
+        contents = _contents(log.inside)
         with mapped(path) as data:
             for raw in walk_leniently(data, contents):
                 if raw.topic not in TOPICS.values():

@@ -54,7 +54,7 @@ PHASE_TEXTS = {
     LOST: "does not know where it is",
 }
 FREE_COLOUR, UNKNOWN_COLOUR, WALL_COLOUR = "#FFFFFF", "#E8EAEE", "#252A33"
-INK, SOFT_INK, GRID, CURSOR = "#1F2733", "#5C6470", "#E3E6EB", "#B3261E"
+INK, SOFT_INK, GRID = "#1F2733", "#5C6470", "#E3E6EB"
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif"
 
 

@@ -36,13 +36,13 @@ def render(data: ReportData, version: str) -> str:
     from jinja2 import Environment, StrictUndefined
     from markupsafe import Markup
 
-    from hippomat_logs.report_html import figures, matrices
+    from hippomat_logs.report_html import map_figure, matrices, time_figures
 
-    shared = figures.time_range(data)
+    shared = time_figures.time_range(data)
     drawn = {
-        "map": figures.map_figure(data),
-        "gantt": figures.gantt_figure(data, shared),
-        "events": figures.events_figure(data, shared),
+        "map": map_figure.map_figure(data),
+        "gantt": time_figures.gantt_figure(data, shared),
+        "events": time_figures.events_figure(data, shared),
         "conflicts": matrices.conflict_figure(data),
         "delivery": matrices.delivery_figure(data),
         "latency": matrices.latency_figure(data),
@@ -105,7 +105,7 @@ def _motion(data: ReportData) -> dict[str, Any]:
 
 
 def _robot(robot: RobotView, colour: str) -> dict[str, Any]:
-    from hippomat_logs.report_html.figures import outline_of
+    from hippomat_logs.report_html.map_figure import outline_of
 
     return {
         "name": str(robot.robot),

@@ -1,10 +1,11 @@
-// Moves what has a time: robots, trails, planned ways, tasks, cursors. Reads the JSON in #motion and the figures'
-// own columns; draw(t) is the only place that writes to them.
+// Moves what has a time: robots, trails, planned ways, tasks, the lines at the present. Reads the JSON in #motion
+// and the figures' own columns; draw(t) is the only place that shows another time.
 "use strict";
 (() => {
   const motion = JSON.parse(document.getElementById("motion").textContent);
   const element = (id) => document.getElementById(id);
   const slider = element("time"), play = element("play"), clock = element("clock"), speed = element("speed");
+  const TIMED = ["gantt", "events"];  // figures over time
   const KEPT_S = 3;  // for so long a served task stays on the map
   const LABEL_PX = 34, BESIDE_PX = 150;  // of a task's number; of a time axis' own labels and tools
 
@@ -125,7 +126,6 @@
   function start(doc) {
     const source = (name) => doc.get_model_by_name(name);
     const tracks = source("tracks").data;
-    const cursors = ["gantt", "events"].map((name) => source(`cursor_${name}`)).filter((cursor) => cursor);
     const rows = [...document.querySelectorAll("#now td")];
     let now = 0, playing = false, before = 0;
 
@@ -135,11 +135,21 @@
       source("trails").data = trailColumns(tracks, now);
       source("ways").data = wayColumns(tracks, now);
       source("tasks").data = taskColumns(now);
-      for (const cursor of cursors) cursor.location = now;
+      TIMED.forEach(point);
       motion.robots.forEach((robot, k) => { rows[k].textContent = describe(robot, now); });
       clock.textContent = `${now.toFixed(1)} s`;
       slider.value = now;
       slider.setAttribute("aria-valuetext", `${now.toFixed(1)} seconds of ${motion.span_s.toFixed(1)}`);
+    }
+
+    // The line at the present time is no part of a figure: moving it must not paint a thousand bars again.
+    function point(name) {
+      const view = window.Bokeh.index.find_one(source(name)), line = element(`cursor_${name}`);
+      const box = view.frame.bbox, x = view.frame.x_scale.compute(now);
+      line.hidden = x < box.left || x > box.right;
+      line.style.left = `${view.el.offsetLeft + x}px`;
+      line.style.top = `${view.el.offsetTop + box.top}px`;
+      line.style.height = `${box.height}px`;
     }
 
     function frame(stamp) {
@@ -159,24 +169,26 @@
       requestAnimationFrame((stamp) => { before = stamp; requestAnimationFrame(frame); });
     }
 
-    // Numbers only on bars that have room for them, whatever is zoomed to.
-    function label() {
+    // After zooming and resizing. Numbers only on bars that have room for them.
+    function arrange() {
       const range = source("time"), labels = source("labels");
       const wide = LABEL_PX * (range.end - range.start) / Math.max(play.parentElement.clientWidth - BESIDE_PX, 1);
       const {label, room} = labels.data;
       labels.data = {...labels.data, shown: label.map((text, k) => (room[k] >= wide ? text : ""))};
+      TIMED.forEach(point);
     }
 
     play.addEventListener("click", toggle);
     slider.addEventListener("input", () => draw(Number(slider.value)));
-    for (const name of ["gantt", "events"]) source(name)?.on_event("tap", (event) => draw(event.x));
+    for (const name of TIMED) source(name).on_event("tap", (event) => draw(event.x));
     for (const button of document.querySelectorAll(".go")) {
       button.addEventListener("click", () => draw(Number(button.dataset.at)));
     }
-    source("time").properties.start.change.connect(label);
-    source("time").properties.end.change.connect(label);
-    window.addEventListener("resize", label);
-    label();
+    source("time").properties.start.change.connect(arrange);
+    source("time").properties.end.change.connect(arrange);
+    window.addEventListener("resize", arrange);
+    for (const name of TIMED) source(name).properties.inner_width.change.connect(() => point(name));
+    arrange();
     draw(0);
     window.hippomatReport = {draw, doc};  // for tests, and for whoever opens the console
   }

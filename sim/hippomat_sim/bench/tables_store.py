@@ -29,7 +29,12 @@ _PACKAGES = (
     "hippomat_sim.learn.networks",
 )
 _MODULES = (
-    *("hippomat_core.config", "hippomat_core.fields", "hippomat_core.settings_tree"),
+    *(
+        "hippomat_core.config",
+        "hippomat_core.fields",
+        "hippomat_core.replaced",
+        "hippomat_core.settings_tree",
+    ),
     *("hippomat_core.planning.field3d", "hippomat_core.planning.graph", "hippomat_sim.bench.tables_measure"),
 )
 _NO_SOURCE = (  # of those packages: only training reads these
