@@ -195,3 +195,16 @@ def test_robots_that_the_logs_do_not_have_are_named(
     path.write_text("time_s,robot,x_m,y_m\n1,7,0,0\n2,7,1,0\n")
     assert main(["metrics", str(logs), "--truth", str(path)]) == 1
     assert "--truth has robots 7" in capsys.readouterr().out
+
+
+def test_speeds_that_repeat_are_told_apart_by_the_way() -> None:
+    """Nine seconds of the same speeds again and again, each time in another direction."""
+    at_s = np.arange(0.0, 90.0, 0.05)
+    speed = 0.2 * (1.0 + np.sin(math.tau * at_s / 9.0))
+    turned = np.random.default_rng(4).uniform(-2.0, 2.0, 10)[(at_s // 9.0).astype(int)]
+    steps = np.column_stack([speed * np.cos(turned), speed * np.sin(turned)]) * 0.05
+    poses = np.column_stack([np.cumsum(steps, axis=0), turned])
+    part = slice(620, 1500)
+    told = {0: Track(at_s[part] + 1000.0, poses[part])}
+    found = match(told, {0: Track(at_s, poses)}, fit_frame=True)
+    assert found.offset_s == pytest.approx(1000.0, abs=0.005)
