@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import struct
 from collections.abc import Iterator
 from itertools import chain
 from typing import Any
@@ -37,11 +38,18 @@ class EffectComparison:
         self.exact = exact
         self.near_ties = 0
 
+    def bytes_of(self, replayed: Any) -> bytes:
+        """Empty where it does not fit its definition: then it is not what was recorded."""
+        try:
+            return self.store.encode(replayed)
+        except (struct.error, ValueError, OverflowError):
+            return b""
+
     def first_difference(self, recorded: Any, replayed: Any) -> tuple[str, Any, Any] | None:
         """(field, recorded, replayed) of the first difference that counts."""
         if type(recorded) is not type(replayed):
             return "effect", type(recorded).__name__, type(replayed).__name__
-        if self.store.encode(recorded) == self.store.encode(replayed):
+        if self.store.encode(recorded) == self.bytes_of(replayed):
             return None
         name = type(recorded).__name__
         for path, a, b in differences(recorded, replayed):
@@ -108,7 +116,7 @@ class DecisionReplay:
         if replayed is None:
             return False
         kind = type(replayed)
-        if TOPICS[kind] != raw.topic or self._compare.store.encode(replayed) != raw.data:
+        if TOPICS[kind] != raw.topic or self._compare.bytes_of(replayed) != raw.data:
             self._pending = chain((replayed,), self._pending)
             return False
         self._effects += 1
