@@ -6,12 +6,15 @@ import math
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from bokeh.models import LinearColorMapper
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_samples import START_NS, WALL_NS
+from recorded_fleet import FIRST_REQUEST_S, OPERATED, RecordedFleet
 from recorded_run import record_run
 from report_samples import CONFIRMED, REQUESTED, SERVED_FROM, pose_of, write_fleet
 
@@ -27,7 +30,9 @@ from hippomat_logs.report_html.assembly import HELD_S, MOST_POSES, frames_of, ta
 from hippomat_logs.report_html.building import build
 from hippomat_logs.report_html.data import Body, ClaimEnd, RobotView, TaskSeen, Track
 from hippomat_logs.report_html.map_figure import coarser
-from hippomat_logs.report_html.matrices import quantile
+from hippomat_logs.report_html.matrices import conflict_figure, delivery_figure, quantile
+from hippomat_logs.report_html.page import render
+from hippomat_logs.report_html.time_figures import events_figure, time_range
 
 SCRIPT = "<script>window.pwned = true</script>"
 HOUR_NS = 3_600_000_000_000
@@ -103,6 +108,8 @@ def test_an_observers_log_alone_shows_whom_it_heard(tmp_path: Path) -> None:
     assert whole
     assert [(robot.robot, robot.heard_by) for robot in data.robots] == [(0, -1), (2, -1)]
     assert data.title == "Fleet 1, as an observer heard it"
+    assert next(fact.text for fact in data.facts if fact.name == "Logs").startswith("the observer (")
+    assert "Only a robot&#39;s own log tells." in render(data, "0")
 
 
 def test_a_run_of_the_core_with_all_its_devices_becomes_a_report(tmp_path: Path) -> None:
@@ -112,6 +119,38 @@ def test_a_run_of_the_core_with_all_its_devices_becomes_a_report(tmp_path: Path)
     text = out.read_text("utf-8")
     assert "Robot 0 of fleet 1" in text
     assert 'http-equiv="Content-Security-Policy" content="default-src \'none\'' in text
+
+
+def test_a_run_in_which_nothing_happened_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    write_fleet(tmp_path, robots=2, seconds=1.0)
+    data, _ = build([tmp_path], trust_clocks=True)
+    assert events_figure(data, time_range(data)) is None
+    assert "nobody stuck" in render(data, "0")
+    assert caplog.messages == []  # Bokeh complains of figures with nothing in them
+
+
+def test_who_never_heard_whom_and_who_never_conflicted_shows_in_the_matrices(tmp_path: Path) -> None:
+    """Robot 1 never hears robot 0, and so both want the task between them."""
+    starts = [(0.6, 0.6), (1.3, 0.6), (4.4, 4.4)]
+    fleet = RecordedFleet(3, relays=False, starts=starts, **{**OPERATED, "task_slots": 1})
+    fleet.delivers = lambda sender, receiver: (sender, receiver) != (0, 1)
+    fleet.order([(0.6, 2.0)])
+    fleet.run(FIRST_REQUEST_S + 0.5)
+    data, _ = build([fleet.write(tmp_path)])
+    heard = cells_of(delivery_figure(data))
+    assert {pair for pair, value in heard.items() if value == 0} == {("1", "0")}
+    assert {("0", "1"), ("2", "0"), ("2", "1"), ("0", "2"), ("1", "2")} <= set(heard)
+    conflicts = conflict_figure(data)
+    counts = cells_of(conflicts)
+    assert {pair: n for pair, n in counts.items() if n} == {("0", "1"): 1, ("1", "0"): 1}
+    mapper = conflicts.select_one(LinearColorMapper)
+    assert 0 < mapper.low < 1 <= mapper.high  # no conflict has no colour of the palette
+
+
+def cells_of(matrix: Any) -> dict[tuple[str, str], float]:
+    """(row, column) -> value."""
+    cells = matrix.renderers[0].data_source.data
+    return dict(zip(zip(cells["y"], cells["x"], strict=True), cells["value"], strict=True))
 
 
 def test_texts_of_a_log_are_never_html(tmp_path: Path) -> None:

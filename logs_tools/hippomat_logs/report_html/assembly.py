@@ -13,6 +13,7 @@ from datetime import datetime, timezone
 import numpy as np
 from numpy.typing import NDArray
 
+from hippomat_core.fleet.robot_names import named
 from hippomat_logs.fleet_story.conflicts import Conflict
 from hippomat_logs.manifest import core_hash
 from hippomat_logs.metrics import FleetMetrics, RobotMetrics
@@ -228,11 +229,10 @@ def _title(read: Sequence[ReadLog]) -> str:
 
 def _facts(read: Sequence[ReadLog], begun_ns: int, span_s: float, clocks: str) -> list[Fact]:
     begun = datetime.fromtimestamp(begun_ns / 1e9, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
-    who = ", ".join(f"{one.log.who} ({one.log.manifest.get('host', '?')})" for one in read)
     configs = [one.log.run.config for one in read]
     return [
         Fact("Begun", f"{begun}, {span_s:.1f} s long"),
-        Fact("Logs", who),
+        Fact("Logs", _logs(read)),
         _same("Allocator", [config.fleet.allocator for config in configs]),
         _same("Turnover", [config.fleet.turnover for config in configs]),
         _same("Task slots", [str(config.fleet.task_slots) for config in configs]),
@@ -242,6 +242,19 @@ def _facts(read: Sequence[ReadLog], begun_ns: int, span_s: float, clocks: str) -
         _replayable(read),
         *([Fact("Clocks", clocks)] if clocks else []),
     ]
+
+
+def _logs(read: Sequence[ReadLog]) -> str:
+    """Whose logs they are, by the computer that recorded them."""
+    by_host: dict[str, list[int]] = {}
+    for one in read:
+        by_host.setdefault(one.log.manifest.get("host", "?"), []).append(one.log.robot)
+    told = []
+    for host, logs in by_host.items():
+        robots = [robot for robot in logs if robot >= 0]
+        who = [named(robots)] * bool(robots) + ["the observer"] * (len(robots) < len(logs))
+        told.append(f"{' and '.join(who)} ({host})")
+    return "; ".join(told)
 
 
 def _short(hash_: str) -> str:

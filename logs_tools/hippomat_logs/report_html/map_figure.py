@@ -149,19 +149,20 @@ def _draw_tasks(plot: Any) -> None:
         fill_alpha="alpha", line_alpha="alpha", source=source,
     )  # fmt: skip
     plot.text(
-        "x", "y", text="label", text_font_size="11px", x_offset=9, y_offset=-5, alpha="alpha", source=source
-    )
+        "x", "y", text="label", text_font_size="11px", x_offset=8, y_offset=-4, alpha="alpha", padding=1,
+        background_fill_color="#FFFFFF", background_fill_alpha=0.75, border_radius=3, source=source,
+    )  # fmt: skip
     plot.add_tools(HoverTool(visible=False, renderers=[drawn], tooltips=[("task", "@text")]))
 
 
 def _draw_robots(plot: Any) -> None:
-    columns = ("x", "y", "hx", "hy", "xs", "ys", "name", "colour", "rim", "text")
+    columns = ("x", "y", "hx", "hy", "xs", "ys", "name", "colour", "rim", "rim_px", "text")
     source = _empty("robots", *columns)
-    plot.scatter("x", "y", size=8, color="colour", source=source)  # where a body is smaller than a pixel
+    plot.scatter("x", "y", size=12, color="colour", source=source)  # of a body that is smaller on the screen
     bodies = plot.patches(
-        "xs", "ys", fill_color="colour", fill_alpha=0.85, line_color="rim", line_width=2.5, source=source
+        "xs", "ys", fill_color="colour", line_color="rim", line_width="rim_px", source=source
     )
-    plot.segment("x", "y", "hx", "hy", line_color="#FFFFFF", line_width=2.5, line_cap="round", source=source)
+    plot.segment("x", "y", "hx", "hy", line_color="#FFFFFF", line_width=2, line_cap="round", source=source)
     plot.text(
         "x", "y", text="name", text_font_size="13px", text_font_style="bold", text_color="colour",
         background_fill_color="#FFFFFF", background_fill_alpha=0.75, padding=1, border_radius=3,

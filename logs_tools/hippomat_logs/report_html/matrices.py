@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from bokeh.models import BasicTicker, ColorBar, ColumnDataSource, HoverTool, LinearColorMapper
+from bokeh.models import BasicTicker, ColorBar, ColumnDataSource, HoverTool, LinearColorMapper, NoOverlap
 from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 from numpy.typing import NDArray
 
 from hippomat_core.wire.frames import OPERATOR
+from hippomat_logs.metrics import LinkMetrics, RobotMetrics
 from hippomat_logs.report_html.data import NEVER_HEARD_MS, ReportData
 
 PALETTE = tuple(reversed(Cividis256))  # perceptually even, the same for all colour vision (Nunez et al. 2018)
 ROOMY, READABLE = 8, 12  # robots; cells of more have room for one line of numbers, or for none
-SIDE_PX, HISTOGRAM_PX = 400, 300
+ROW_PX, LEAST_ROW_PX, BESIDE_PX = 56, 15, 90  # of a matrix; beside: its axis and names
+MOST_PX, HISTOGRAM_PX = 400, 300
 BINS = 45
 LATENCY_STEP_MS, LATENCY_BINS = 0.01, 10_000
 SHOWN_SHARE = 0.995  # of a histogram; what lies beyond would press it against its axis
-DARK_FROM = 0.55  # of the palette: white numbers on it
+NONE_COLOUR = "#F1F3F5"  # of a cell below the palette: no conflict
+DARK_FROM = 0.47  # of the palette: from here on white numbers have the better contrast
 
 
 def conflict_figure(data: ReportData) -> Any | None:
@@ -49,7 +53,7 @@ def conflict_figure(data: ReportData) -> Any | None:
     ]
     labels = [str(name) for name in names]
     tooltips = [("robots @y and @x", "@value{0} conflicts"), ("cause", "@text")]
-    limits = 0.0, max(cell["value"] for cell in cells)
+    limits = 0.5, max(1.0, *(cell["value"] for cell in cells))
     return _matrix(cells, (labels, labels), ("robot", "robot"), limits, tooltips, "conflicts", "conflicts")
 
 
@@ -58,22 +62,33 @@ def delivery_figure(data: ReportData) -> Any | None:
     heard = [(robot.robot, link) for robot in data.metrics.robots for link in robot.links if link.received]
     if not heard:
         return None
-    cells: list[dict[str, Any]] = [
-        {
-            "x": _named(link.sender),
-            "y": _named(receiver),
-            "value": 100 * link.delivery,
-            "label": f"{100 * link.delivery:.0f} %" + f"\n{link.rssi_dbm:.0f}" * (len(data.robots) <= ROOMY),
-            "text": f"{link.received:,} frames heard, {link.lost:,} lost, median {link.rssi_dbm:.0f} dBm",
-        }
-        for receiver, link in heard
+    roomy = len(data.robots) <= ROOMY
+    links = {(receiver, link.sender): _link_cell(link, roomy) for receiver, link in heard}
+    for receiver, sender in _deaf_pairs(data.metrics.robots):
+        links.setdefault((receiver, sender), {"value": 0.0, "label": "0 %", "text": "no frame was heard"})
+    cells = [
+        {"x": _named(sender), "y": _named(receiver), **cell} for (receiver, sender), cell in links.items()
     ]
-    senders = [_named(sender) for sender in sorted({link.sender for _, link in heard})]
-    receivers = [_named(receiver) for receiver in sorted({receiver for receiver, _ in heard})]
+    senders = [_named(sender) for sender in sorted({sender for _, sender in links})]
+    receivers = [_named(receiver) for receiver in sorted({receiver for receiver, _ in links})]
     tooltips = [("@y heard @x", "@value{0.0} %"), ("", "@text")]
     low = min(90.0, *(math.floor(cell["value"] / 10) * 10.0 for cell in cells))
     names = senders, receivers
     return _matrix(cells, names, ("sender", "receiver"), (low, 100.0), tooltips, "delivery", "delivered [%]")
+
+
+def _link_cell(link: LinkMetrics, roomy: bool) -> dict[str, Any]:
+    return {
+        "value": 100 * link.delivery,
+        "label": f"{100 * link.delivery:.0f} %" + f"\n{link.rssi_dbm:.0f}" * roomy,
+        "text": f"{link.received:,} frames heard, {link.lost:,} lost, median {link.rssi_dbm:.0f} dBm",
+    }
+
+
+def _deaf_pairs(robots: Sequence[RobotMetrics]) -> list[tuple[int, int]]:
+    """Receiver and sender of which, by their own logs, the one listened while the other sent."""
+    senders = [one.robot for one in robots if one.frames_sent and one.robot >= 0]
+    return [(one.robot, sender) for one in robots for sender in senders if sender != one.robot]
 
 
 def _named(robot: int) -> str:
@@ -92,12 +107,13 @@ def _matrix(
     columns_of = {key: [cell[key] for cell in cells] for key in ("x", "y", "value", "label", "text", "ink")}
     plot = figure(
         x_range=list(columns), y_range=list(reversed(rows)), x_axis_label=axes[0], y_axis_label=axes[1],
-        height=SIDE_PX, sizing_mode="stretch_width", tools="save", name=name,
+        height=_height_px(len(rows)), sizing_mode="stretch_width", tools="save", name=name,
     )  # fmt: skip
     plot.toolbar.logo = None
     plot.grid.visible = False
+    plot.axis.major_label_policy = NoOverlap()
     source = ColumnDataSource(columns_of)
-    mapper = LinearColorMapper(palette=PALETTE, low=low, high=high)
+    mapper = LinearColorMapper(palette=PALETTE, low=low, high=high, low_color=NONE_COLOUR)
     fill = {"field": "value", "transform": mapper}
     drawn = plot.rect("x", "y", 0.96, 0.96, fill_color=fill, line_color=None, source=source)
     if max(len(columns), len(rows)) <= READABLE:
@@ -110,11 +126,16 @@ def _matrix(
         title=title,
         width=10,
         border_line_color=None,
-        ticker=BasicTicker(desired_num_ticks=5),
+        ticker=BasicTicker(desired_num_ticks=5, min_interval=1),
     )
     plot.add_layout(bar, "right")
     plot.add_tools(HoverTool(visible=False, renderers=[drawn], tooltips=tooltips))
     return plot
+
+
+def _height_px(rows: int) -> int:
+    """Roomy cells as long as all fit, then smaller ones, but a name beside each."""
+    return BESIDE_PX + max(min(ROW_PX * rows, MOST_PX - BESIDE_PX), LEAST_ROW_PX * rows)
 
 
 def latency_figure(data: ReportData) -> Any | None:

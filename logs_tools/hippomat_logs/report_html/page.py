@@ -69,9 +69,19 @@ def render(data: ReportData, version: str) -> str:
         metric_lines=fleet_lines(data.metrics),
         alarms=alarm_rows(data),
         conflicts=data.conflicts[:MOST_ROWS],
+        no_conflict=_no_conflict(data),
         latency_text=matrices.spread_text(matrices.latency_counts(data), matrices.LATENCY_STEP_MS),
         age_text=matrices.spread_text(data.age_counts[:-1], 1.0),
     )
+
+
+def _no_conflict(data: ReportData) -> str:
+    """What the logs can say of conflicts where they hold none."""
+    if data.explained:
+        return "No two robots wanted one task at once."
+    if all(robot.heard_by is not None for robot in data.robots):
+        return "Only a robot's own log tells."
+    return "No robot here noticed another that wanted its task."
 
 
 def _asset(name: str) -> str:

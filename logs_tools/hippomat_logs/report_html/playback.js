@@ -5,9 +5,8 @@
   const motion = JSON.parse(document.getElementById("motion").textContent);
   const element = (id) => document.getElementById(id);
   const slider = element("time"), play = element("play"), clock = element("clock"), speed = element("speed");
-  const TIMED = ["gantt", "events"];  // figures over time
   const KEPT_S = 3;  // for so long a served task stays on the map
-  const LABEL_PX = 34, BESIDE_PX = 150;  // of a task's number; of a time axis' own labels and tools
+  const LABEL_PX = 34, BESIDE_PX = 110;  // of a task's number; of a time axis' own labels and tools
 
   // The last row whose first entry is not after t; rows are in the order of their times.
   function lastBefore(rows, t) {
@@ -41,7 +40,7 @@
   }
 
   function robotColumns(tracks, t) {
-    const columns = {x: [], y: [], hx: [], hy: [], xs: [], ys: [], name: [], colour: [], rim: [], text: []};
+    const columns = {x: [], y: [], hx: [], hy: [], xs: [], ys: [], name: [], colour: [], rim: [], rim_px: [], text: []};
     motion.robots.forEach((robot, k) => {
       const {x, y, yaw} = poseAt(tracks, k, t), c = Math.cos(yaw), s = Math.sin(yaw);
       if (Number.isNaN(x)) return;
@@ -54,7 +53,9 @@
       columns.ys.push(robot.outline.map(([u, v]) => y + s * u + c * v));
       columns.name.push(robot.name);
       columns.colour.push(robot.colour);
-      columns.rim.push(phase === "stopped" || phase === "lost" || phase === "recovery" ? "#1F2733" : "#FFFFFF");
+      const minded = ["stopped", "lost", "recovery"].includes(phase);
+      columns.rim.push(minded ? "#1F2733" : robot.colour);
+      columns.rim_px.push(minded ? 2.5 : 1);
       columns.text.push(describe(robot, t));
     });
     return columns;
@@ -126,6 +127,7 @@
   function start(doc) {
     const source = (name) => doc.get_model_by_name(name);
     const tracks = source("tracks").data;
+    const TIMED = ["gantt", "events"].filter(source);  // figures over time; without an event there is none
     const rows = [...document.querySelectorAll("#now td")];
     let now = 0, playing = false, before = 0;
 

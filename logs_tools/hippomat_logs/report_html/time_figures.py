@@ -24,7 +24,7 @@ from hippomat_core.messages import INFO
 from hippomat_logs.report_html import look
 from hippomat_logs.report_html.data import NO_SLOT, ClaimEnd, Happening, ReportData, RobotView, Span
 
-ROW_PX, AXES_PX = 26, 70
+ROW_PX, AXES_PX, TOOLS_PX, LEGEND_PX = 26, 70, 30, 24
 
 
 def time_range(data: ReportData) -> Range1d:
@@ -32,12 +32,14 @@ def time_range(data: ReportData) -> Range1d:
     return Range1d(0.0, data.span_s, bounds=(0.0, data.span_s), name="time")
 
 
-def _time_figure(rows: Sequence[str], shared: Range1d, name: str) -> Any:
+def _time_figure(rows: Sequence[str], shared: Range1d, name: str, tools: bool) -> Any:
+    """tools: whether it shows them; who zooms one such figure zooms all."""
     plot = figure(
         x_range=shared,
         y_range=list(reversed(rows)),
         x_axis_label="time since the start [s]",
         height=AXES_PX + ROW_PX * max(len(rows), 2),
+        toolbar_location="above" if tools else None,
         sizing_mode="stretch_width",
         tools=[
             PanTool(dimensions="width"), BoxZoomTool(dimensions="width"),
@@ -53,7 +55,8 @@ def _time_figure(rows: Sequence[str], shared: Range1d, name: str) -> Any:
 
 def gantt_figure(data: ReportData, shared: Range1d) -> Any:
     """What every robot did: one bar per state, the task's slot and generation on the bars of a claim."""
-    plot = _time_figure([look.label_of(robot) for robot in data.robots], shared, "gantt")
+    plot = _time_figure([look.label_of(robot) for robot in data.robots], shared, "gantt", tools=True)
+    plot.height += TOOLS_PX
     columns: dict[str, list[Any]] = {
         key: []
         for key in ("row", "begin", "end", "fill", "alpha", "rim", "hatch", "phase", "task", "seconds", "how")
@@ -143,9 +146,9 @@ EVENT_MARKS = {  # kind -> (marker; "" a bar while it lasts, colour, what the le
 INFO_COLOUR = "#8A93A1"
 
 
-def events_figure(data: ReportData, shared: Range1d) -> Any:
-    """Everything that went wrong or was told, by robot and time."""
-    plot = _time_figure([look.label_of(robot) for robot in data.robots], shared, "events")
+def events_figure(data: ReportData, shared: Range1d) -> Any | None:
+    """Everything that went wrong or was told, by robot and time; None where nothing was."""
+    plot = _time_figure([look.label_of(robot) for robot in data.robots], shared, "events", tools=False)
     drawn = []
     for kind, (marker, colour, text) in EVENT_MARKS.items():
         columns = _event_columns(data, kind, colour)
@@ -158,11 +161,13 @@ def events_figure(data: ReportData, shared: Range1d) -> Any:
         else:
             marks = plot.hbar("row", left="x", right="end", height=0.4, source=source, **looks)
         drawn.append(marks)
-    if drawn:
-        plot.add_layout(plot.legend[0], "above")
-        plot.legend.orientation = "horizontal"
-        plot.legend.click_policy = "hide"
-        plot.height += 34
+    if not drawn:
+        return None
+    legend = plot.legend[0]
+    legend.update(orientation="horizontal", location="top_left", click_policy="hide", spacing=18)
+    legend.update(glyph_width=14, glyph_height=14, label_standoff=6, padding=4, margin=0)
+    plot.add_layout(legend, "above")
+    plot.height += LEGEND_PX
     tooltips = [("", "@row, @x{0.0} s"), ("", "@what"), ("", "@text")]
     plot.add_tools(HoverTool(visible=False, renderers=drawn, tooltips=tooltips))
     return plot
