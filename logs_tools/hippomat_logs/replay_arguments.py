@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from hippomat_core.errors import HippomatError
-from hippomat_logs.closed_loop.command import add_options as add_closed_loop
+from hippomat_logs.closed_loop import command as closed_loop
 from hippomat_logs.replay import LEVELS, ReplayOptions
 from hippomat_logs.report import TOOL_ERROR
 
@@ -50,12 +50,16 @@ def parser() -> Parser:
     made.add_argument("--json", action="store_true", help="print the results as JSON")
     made.add_argument("--sim", action="store_true", help="only L0 and L3, with pictures if --plots is given")
     made.add_argument(
-        "-o", "--plots", type=Path, metavar="DIR", help="a picture of L3 for each robot, in this directory"
+        "-o",
+        "--plots",
+        type=Path,
+        metavar="DIR",
+        help="pictures of L3 for each robot, or of --closed-loop, in this directory (needs hippomat[viz])",
     )
     _add_serve(made.add_argument_group("offering a run to a daemon of yours"))
     _add_clip(made.add_argument_group("cutting a divergence out"))
     _add_golden(made.add_argument_group("golden runs (docs/replay.md)"))
-    add_closed_loop(made)
+    closed_loop.add_options(made)
     return made
 
 
@@ -91,8 +95,10 @@ def _add_golden(group: argparse._ArgumentGroup) -> None:
 def check(options: argparse.Namespace) -> None:
     """HippomatError for options that do not go together."""
     modes = [name for name in ("serve", "clip", "update_golden", "sim") if getattr(options, name)]
-    if len(modes) > 1:
-        named = " and ".join(f"--{name.replace('_', '-')}" for name in modes)
+    again = closed_loop.asked(options)
+    levels = ["levels"] if again and options.levels != LEVELS else []
+    if len(modes) > 1 or (again and (modes or levels)):
+        named = " and ".join(f"--{name.replace('_', '-')}" for name in (*modes, *levels, *again[:1]))
         raise HippomatError(f"{named}: choose one")
     for name, mode in (("at", "clip"), ("step", "serve"), ("reason", "update_golden")):
         if getattr(options, name) not in (None, False, "") and mode not in modes:

@@ -28,7 +28,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
     try:
         check(options)
-        again = closed_loop.is_wanted(options)
         if options.update_golden:
             accepted = (options.reason, options.allow_dirty, options.json)
             return update_golden(options.logs, *accepted, console)
@@ -39,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return serve(runs, console, options.speed, options.step)
         if options.clip:
             return clip(runs, options.clip, options.json, console)
-        if again:
+        if closed_loop.asked(options):
             return closed_loop.run(runs, options, console)
         reports = replay_all(runs, replay_options(options))
     except HippomatError as error:

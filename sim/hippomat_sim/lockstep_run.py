@@ -6,6 +6,7 @@ The logs' clock is the world's: it begins at CLOCK_NS, so that the same settings
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import math
 import time
 from dataclasses import replace
@@ -14,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from hippomat_core.config import Config
-from hippomat_core.errors import HippomatError
+from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_logs.direct_recorder import DirectRecorder
 from hippomat_logs.manifest import run_manifest
@@ -47,6 +48,11 @@ class LockstepRun:
     """Use once: LockstepRun(settings, view).execute()."""
 
     def __init__(self, settings: RunSettings, view: View) -> None:
+        """ConfigError for settings of hosts, of which there are none here."""
+        if settings.clock_years or settings.clock_ppm:
+            raise ConfigError(
+                "--lockstep has no daemons whose clocks --clock-years and --clock-ppm set: leave these out"
+            )
         self._prepared = prepared(settings)
         self._view = view
         fleet = self._prepared.config.fleet
@@ -99,11 +105,10 @@ class LockstepRun:
     def _recording(self, computer: Computer, stamp_ns: int) -> Recording:
         if not self._prepared.settings.record_logs:
             return NoRecords()
-        robot, settings = computer.config.robot.id, self._prepared.settings
-        directory = settings.out / "logs" / f"robot{robot}"
-        session = f"{settings.seed & 0xFFFFFF:06x}{robot:02x}"
+        run, robot = self._prepared, computer.config.robot.id
+        directory = run.settings.out / "logs" / f"robot{robot}"
         try:
-            return log_of(computer, self._prepared.grid, directory, stamp_ns, session)
+            return log_of(computer, run.grid, directory, stamp_ns, session_id(run, computer))
         except OSError as error:
             raise HippomatError(f"cannot record into {directory}: {error.strerror or error}") from None
 
@@ -123,14 +128,22 @@ def placed(config: Config, robot: int, start: tuple[float, float, float]) -> Con
     return replace(config, robot=own)
 
 
+def session_id(run: Prepared, computer: Computer) -> str:
+    """Of one robot's run, in 8 hexadecimal digits: the same for equal runs, and for no others."""
+    settings = run.settings
+    told = (settings.seconds, settings.loss, settings.seed, settings.sealed, settings.carried)
+    decided = (computer.config, run.grid.hash(), hashlib.sha256(computer.policy or b"").hexdigest())
+    return hashlib.sha256(repr((told, decided)).encode()).hexdigest()[:8]
+
+
 def log_of(
-    computer: Computer, grid: OccupancyGrid, directory: Path, stamp_ns: int, session_id: str
+    computer: Computer, grid: OccupancyGrid, directory: Path, stamp_ns: int, session: str
 ) -> DirectRecorder:
     """A log like a daemon's. Nothing in it tells this machine's name, boot or time."""
     policy = computer.policy
     manifest = run_manifest(
         computer.config,
-        session_id=session_id,
+        session_id=session,
         map_hash=grid.hash(),
         policy=policy,
         extra={

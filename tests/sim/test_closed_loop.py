@@ -165,6 +165,12 @@ def test_of_the_nearest_frames_the_one_of_its_kind_decides(recording: Recording)
         (["--policy", __file__, "--allocator", "greedy"], "--allocator greedy decides without weights"),
         (["--seeds", "3"], "--seeds is of re-runs: give --closed-loop too"),
         (["--radio", "ideal"], "--radio is of re-runs: give --closed-loop too"),
+        (["--allocator", "greedy", "-o", "plots"], "--plots is of re-runs: give --closed-loop too"),
+        (["--closed-loop", "--serve"], "--serve and --closed-loop: choose one"),
+        (["--closed-loop", "--clip", "x.mcap"], "--clip and --closed-loop: choose one"),
+        (["--closed-loop", "--sim"], "--sim and --closed-loop: choose one"),
+        (["--policy", "x", "--update-golden", "--reason", "y"], "--update-golden and --policy: choose one"),
+        (["--allocator", "greedy", "--levels", "L0"], "--levels and --allocator: choose one"),
         (["--closed-loop", "--seeds", "0"], "--seeds 0 is outside 1 .. 10000"),
         (["--closed-loop", "--radio", "loss=2"], "--radio 'loss=2' is none of: recorded, ideal, loss=P"),
         (["--closed-loop", "--radio", "quiet"], "--radio 'quiet' is none of"),
@@ -208,7 +214,7 @@ def test_the_command_prints_the_recorded_run_among_its_re_runs_and_draws_it(
     recorded_fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pictures = tmp_path / "pictures"
-    asked = ["--closed-loop", "--seeds", "1", "--allocator", "greedy", "--pictures", str(pictures)]
+    asked = ["--closed-loop", "--seeds", "1", "--allocator", "greedy", "--plots", str(pictures)]
     assert main([str(recorded_fleet), *asked]) == 0
     said = capsys.readouterr().out
     assert "L4: 1 re-run, radio recorded, allocator hungarian" in said

@@ -30,6 +30,23 @@ def test_another_seed_gives_other_logs(recorded_fleet: Path, tmp_path: Path) -> 
     assert not set(files_in(recorded_fleet).values()) & set(other.values())
 
 
+def test_runs_that_differ_in_anything_are_different_runs_of_a_robot(
+    recorded_fleet: Path, tmp_path: Path
+) -> None:
+    other = record(tmp_path, seconds=1.0)  # the same seed and settings, but shorter
+    runs = open_runs([recorded_fleet, other])
+    assert len({run.name for run in runs}) == 6
+    assert all(replay_run(run, ReplayOptions(("L0",))).exit_code == REPRODUCED for run in runs)
+
+
+def test_the_clocks_of_hosts_cannot_be_set_where_there_are_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = settings(tmp_path)
+    assert main(["run", "--map", str(made.map_yaml), "--lockstep", "--clock-ppm", "50"]) == 1
+    assert "--lockstep has no daemons whose clocks" in capsys.readouterr().err
+
+
 def test_its_logs_are_reproduced_like_those_of_daemons(recorded_fleet: Path) -> None:
     for run in open_runs([recorded_fleet]):
         report = replay_run(run, ReplayOptions(("L0", "L1", "L2")))

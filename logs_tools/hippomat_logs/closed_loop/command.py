@@ -89,16 +89,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--radio", metavar="HOW", help="of the re-runs: recorded (default), ideal, or loss=P")
     add("--allocator", metavar="NAME", help="and what if the robots decided by this one?")
     add("--policy", type=Path, metavar="FILE", help="the same with these weights (safetensors)")
-    add("--pictures", type=Path, metavar="DIR", help="draw the distributions there (needs hippomat[viz])")
 
 
-def is_wanted(options: argparse.Namespace) -> bool:
-    """Raises ConfigError for options that need another one."""
+def asked(options: argparse.Namespace) -> list[str]:
+    """Which of these modes, if any; they go together. Raises ConfigError for options that lack theirs."""
+    given = [
+        name for name in ("closed_loop", "allocator", "policy") if getattr(options, name) not in (None, False)
+    ]
     if not options.closed_loop:
-        for name in ("seeds", "radio", "pictures"):
+        for name in ("seeds", "radio", "plots") if given else ("seeds", "radio"):
             if getattr(options, name) is not None:
                 raise ConfigError(f"--{name} is of re-runs: give --closed-loop too")
-    return bool(options.closed_loop or options.allocator is not None or options.policy is not None)
+    return given
 
 
 def run(runs: list[Run], options: argparse.Namespace, console: Console) -> int:
@@ -107,7 +109,7 @@ def run(runs: list[Run], options: argparse.Namespace, console: Console) -> int:
     air = parse_air(options.radio or RECORDED)
     if options.closed_loop:
         fleet_world()  # before minutes of reading
-        if options.pictures is not None:
+        if options.plots is not None:
             from hippomat_logs.closed_loop.picture import require_matplotlib
 
             require_matplotlib()
@@ -125,10 +127,10 @@ def run(runs: list[Run], options: argparse.Namespace, console: Console) -> int:
             show.opened(opened, _allocator(recording), other.text, console)
         if closed is not None:
             show.closed(closed, console)
-    if closed is not None and options.pictures is not None:
+    if closed is not None and options.plots is not None:
         from hippomat_logs.closed_loop.picture import draw
 
-        for path in draw(closed, options.pictures):
+        for path in draw(closed, options.plots):
             if not options.json:
                 console.print(f"picture: {path}", markup=False)
     beyond = closed is not None and any(one.outside for one in closed.distributions)

@@ -18,6 +18,7 @@ from hippomat_logs.metrics import FleetMetrics
 
 Values = dict[str, float]  # by Figure.key
 CONFIDENCE = 0.95
+VARIES = 1e-9  # what varies by less is equal but for how sums are rounded
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +137,7 @@ def mean_interval(values: NDArray[np.float64]) -> tuple[float, float]:
     """95 % interval of the mean; one value alone has none. The same values give the same interval."""
     if len(values) < 2:
         return math.nan, math.nan
-    if np.ptp(values) == 0.0:  # nothing varies: there is nothing to resample
+    if np.ptp(values) < VARIES:  # nothing to resample
         return float(values[0]), float(values[0])
     found = bootstrap((values,), np.mean, confidence_level=CONFIDENCE, rng=np.random.default_rng(1))
     low, high = found.confidence_interval

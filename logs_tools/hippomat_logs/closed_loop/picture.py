@@ -22,7 +22,7 @@ _RERUNS, _OTHER, _RECORDED = "#4c78a8", "#f58518", "#d62728"
 def require_matplotlib() -> None:
     """HippomatError with the command that installs it."""
     if importlib.util.find_spec("matplotlib") is None:
-        raise HippomatError("--pictures needs matplotlib: pip install 'hippomat[viz]'")
+        raise HippomatError("--plots needs matplotlib: pip install 'hippomat[viz]'")
 
 
 def draw(found: ClosedLoop, directory: Path) -> list[Path]:
