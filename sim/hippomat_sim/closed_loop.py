@@ -17,7 +17,7 @@ from hippomat_core.wire.codec import decode_header
 from hippomat_logs.closed_loop.plan import LOSS, RECORDED, Air, FleetPlan, RobotPlan, Sink
 from hippomat_sim.air import AirSettings
 from hippomat_sim.lockstep_fleet import FIRST_US, Computer, LockstepFleet
-from hippomat_sim.lockstep_robot import Recording
+from hippomat_sim.lockstep_robot import TICK_US, Recording
 from hippomat_sim.medium import Medium
 from hippomat_sim.run_preparation import simulation_setup
 
@@ -82,7 +82,8 @@ def air_settings(air: Air) -> AirSettings:
 
 def _computer(robot: RobotPlan) -> Computer:
     begins_us, ends_us = (FIRST_US + round(at_s * 1e6) for at_s in (robot.begins_s, robot.ends_s))
-    return Computer(robot.config, robot.policy, begins_us, ends_us)
+    first_tick_us = max(TICK_US, round(robot.first_tick_s * 1e6))
+    return Computer(robot.config, robot.policy, begins_us, first_tick_us, ends_us)
 
 
 class _Watcher:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hippomat_core.config import Config
-from hippomat_sim.lockstep_robot import LockstepRobot, Recording
+from hippomat_sim.lockstep_robot import TICK_US, LockstepRobot, Recording
 from hippomat_sim.medium import Medium
 from hippomat_sim.virtual_fleet import SimulationSetup, VirtualFleet
 
@@ -26,6 +26,7 @@ class Computer:
     config: Config  # its [robot] id is its place in the fleet
     policy: bytes | None
     begins_us: int = FIRST_US
+    first_tick_us: int = TICK_US  # after that
     ends_us: int = 2**62
 
 
@@ -49,7 +50,13 @@ class LockstepFleet:
         self._computers = {one.config.robot.id: one for one in computers}
         self._robots = {
             number: LockstepRobot(
-                one.config, one.policy, setup.grid, one.begins_us, WORLD_NS, self._writer(number)
+                one.config,
+                one.policy,
+                setup.grid,
+                one.begins_us,
+                WORLD_NS,
+                self._writer(number),
+                one.first_tick_us,
             )
             for number, one in sorted(self._computers.items())
         }

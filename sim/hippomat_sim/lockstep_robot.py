@@ -55,7 +55,8 @@ class LockstepRobot:
     """begin() once, then act() whenever due_us says so, stop() at the end.
 
     stamp_ns of world time 0 is origin_ns. begins_us: the robot's devices were asked who they are shortly
-    before, as in identify(); its first tick comes 50 ms later.
+    before, as in identify(). first_tick_us later comes its first tick: while a computer starts slowly, the
+    buffers of its ports overflow, and what came more than 50 ms before that tick is never read.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class LockstepRobot:
         begins_us: int,
         origin_ns: int,
         write: Write,
+        first_tick_us: int = TICK_US,
     ) -> None:
         self.config = config
         self.due_us = begins_us
@@ -76,7 +78,8 @@ class LockstepRobot:
         self._inbox: deque[tuple[int, bytes]] = deque()
         self._asked: list[tuple[int, int, bytes]] = []  # port, direction, bytes
         self._recording: Recording | None = None
-        self._tick_us = begins_us + TICK_US
+        self._tick_us = begins_us + first_tick_us
+        self._looks_from_us = self._tick_us - TICK_US
 
     @property
     def running(self) -> bool:
@@ -97,6 +100,8 @@ class LockstepRobot:
             return
         if self._recording is None:
             self._asked.append((port, FROM_DEVICE, data))
+            return
+        if now_us < self._looks_from_us:
             return
         self._inbox.append((port, data))
         looks = -(-(now_us - self._begins_us) // LOOK_US)

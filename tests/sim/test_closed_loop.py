@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from lockstep_lab import SEED, record
 
-from hippomat_core.messages import RelayHeard, StateHeard, TasksHeard
+from hippomat_core.messages import RelayHeard, Started, StateHeard, TasksHeard, Tick
 from hippomat_core.wire.frames import STATE
 from hippomat_logs.cli import main as logs
 from hippomat_logs.closed_loop.choice import Choice, other_choice
@@ -92,6 +92,26 @@ def test_robots_begin_where_and_when_they_began(recording: Recording) -> None:
         assert robot.start == (config.start_x_m, config.start_y_m, config.start_yaw_rad)
         assert robot.begins_s == pytest.approx(0.0, abs=1e-3)
         assert robot.ends_s == pytest.approx(8.0, abs=0.1)
+        assert robot.first_tick_s == 0.05
+
+
+def test_a_computer_that_started_slowly_starts_slowly_again(recording: Recording) -> None:
+    slow, *others = recording.plan.robots
+    plan = replace(recording.plan, robots=(replace(slow, first_tick_s=2.0, ends_s=3.0), *others))
+    times_s: list[float] = []
+
+    def sink(robot: int, record: Stamped) -> None:
+        if robot == 0 and isinstance(record.message, Started | Tick | StateHeard):
+            times_s.append(record.log_time_ns / 1e9)
+
+    fleet = closed_loop_fleet(plan, SEED, sink)
+    try:
+        fleet.advance(FIRST_US + 3_000_000)
+    finally:
+        fleet.close()
+    started_s, *later_s = times_s
+    assert min(later_s) - started_s == pytest.approx(2.0, abs=0.051)
+    assert max(later_s) - started_s > 2.9
 
 
 def test_a_re_run_with_the_recorded_seed_and_radio_gives_the_recorded_figures(recording: Recording) -> None:

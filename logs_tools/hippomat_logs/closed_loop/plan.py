@@ -90,6 +90,7 @@ class RobotPlan:
     start: Pose
     begins_s: float
     ends_s: float
+    first_tick_s: float  # after begins_s: a computer that starts slowly hears nothing until then
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,6 +25,8 @@ from hippomat_logs.radio_traffic import Traffic, traffic_of
 from hippomat_logs.reader import Run
 from hippomat_logs.schema import TOPICS, type_name
 
+PAUSE_NS = 500_000_000  # between ticks, which come every 50 ms: worth a note
+
 Keys = NDArray[np.uint64]
 _HEARD_KINDS = {m.StateHeard: STATE, m.RelayHeard: RELAY, m.TasksHeard: TASKS, m.StopHeard: STOP}
 
@@ -48,8 +50,18 @@ class _Seen:
     grid: OccupancyGrid | None = None
     start: Pose | None = None
     first_ns: int = 0
+    tick_ns: int = 0  # its first
+    ticked_ns: int = 0  # and the last so far
+    pause_ns: int = 0  # the longest time from one tick to the next
     last_ns: int = 0
     stopped: bool = False
+
+    def ticked(self, at_ns: int) -> None:
+        if self.tick_ns:
+            self.pause_ns = max(self.pause_ns, at_ns - self.ticked_ns)
+        else:
+            self.tick_ns = at_ns
+        self.ticked_ns = at_ns
 
 
 def read_recording(runs: Sequence[Run], air: Air) -> Recording:
@@ -120,6 +132,8 @@ def _look(run: Run) -> _Seen:
         message = record.message
         if isinstance(message, m.Started):
             seen.first_ns = record.log_time_ns
+        elif isinstance(message, m.Tick):
+            seen.ticked(record.log_time_ns)
         elif isinstance(message, m.MapReceived):
             seen.grid = grid_in(message)
         elif isinstance(message, m.StopHeard):
@@ -139,7 +153,8 @@ def _plan(seen: _Seen, begins_s: float, ends_s: float) -> RobotPlan:
             f"{seen.run.name}: never knew where it was, so it cannot be put there: leave its log out"
         )
     config = replace(seen.config, ros=RosConfig())
-    return RobotPlan(config, seen.run.policy or None, seen.start, begins_s, ends_s)
+    first_tick_s = max(0, seen.tick_ns - seen.first_ns) / 1e9
+    return RobotPlan(config, seen.run.policy or None, seen.start, begins_s, ends_s, first_tick_s)
 
 
 def _note_what_differs(seen: Sequence[_Seen], size: int, notes: list[str]) -> None:
@@ -151,6 +166,11 @@ def _note_what_differs(seen: Sequence[_Seen], size: int, notes: list[str]) -> No
     for one in seen:
         if one.stopped:
             notes.append(f"robot {one.run.robot} heard a STOP or RESUME; nobody stops the re-runs")
+        if one.pause_ns > PAUSE_NS:
+            pause_s = one.pause_ns / 1e9
+            notes.append(
+                f"robot {one.run.robot}'s computer once stood still for {pause_s:.1f} s; again it is punctual"
+            )
         if one.config.ros.url:
             notes.append(f"robot {one.run.robot} ran behind ROS; again it has a simulated base and lidar")
         if one.run.lost:
