@@ -64,6 +64,14 @@ def test_a_clear_difference_is_told_and_noise_is_not() -> None:
     assert "not distinguishable" in verdicts(unclear, "a", "b")[0]
 
 
+def test_figures_that_never_differ_are_equal_rather_than_not_distinguishable() -> None:
+    reruns = [values(float(k)) for k in range(20)]
+    others = [{**one, "completed": one["completed"] + 1.0 + k % 2} for k, one in enumerate(reruns)]
+    first, same = verdicts(paired_differences(reruns, others), "greedy", "auction")
+    assert first == "tasks completed: auction is higher by 1.5 than greedy"
+    assert same.startswith("equal, seed by seed: total travel cost, ")
+
+
 def test_a_rare_kind_far_from_any_of_its_own_goes_as_the_link_went_then() -> None:
     times_us = np.array([0, 100_000, 5_000_000], np.int64)
     heard = np.array([[True], [False], [True]])

@@ -149,9 +149,21 @@ def test_without_a_log_of_one_robot_the_others_run_again_and_it_is_said(
     shutil.copytree(recorded_fleet, tmp_path / "logs", ignore=shutil.ignore_patterns("robot1"))
     found = read_recording(open_runs([tmp_path / "logs"]), parse_air("recorded"))
     assert [robot.config.robot.id for robot in found.plan.robots] == [0, 2]
-    assert "no log of robot 1: the re-runs are without it" in found.notes[0]
+    assert "no log of robot 1: the re-runs have neither its work nor frames nor votes" in found.notes[0]
+    assert len(found.notes) == 1
     _, counts = heard_in(found.plan, 1)
     assert [bool(one.sent) for one in counts] == [True, False, True]
+
+
+def test_re_runs_without_a_majority_say_so_and_judge_nothing(
+    recorded_fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = [str(recorded_fleet / "robot2"), "--closed-loop", "--seeds", "1", "--strict"]
+    assert main(asked) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "no log of robots 0, 1: the re-runs have neither their work" in said
+    assert "1 of 3 robots are no majority: they confirm no claim" in said
+    assert "beyond" not in said
 
 
 def test_a_fused_fleet_is_run_again_like_its_parts(

@@ -19,6 +19,7 @@ from hippomat_logs.closed_loop import show
 from hippomat_logs.closed_loop.choice import Choice, other_choice
 from hippomat_logs.closed_loop.figures import (
     Distribution,
+    Figure,
     PairedDifference,
     Values,
     as_json,
@@ -49,6 +50,7 @@ class ClosedLoop:
     recorded: Values
     reruns: list[Values]
     distributions: list[Distribution]
+    whole: bool = True  # no robot's log is missing: else the recorded values are no re-run's
     other: Choice | None = None
     others: list[Values] = field(default_factory=list)
     differences: list[PairedDifference] = field(default_factory=list)
@@ -61,7 +63,8 @@ class ClosedLoop:
             "recorded": as_json(self.recorded),
             "reruns": [as_json(values) for values in self.reruns],
             "percentiles": as_json({one.figure.key: one.percentile for one in self.distributions}),
-            "beyond_all_reruns": [one.figure.key for one in self.distributions if one.outside],
+            "whole_fleet": self.whole,
+            "beyond_all_reruns": [figure.key for figure in self.beyond],
         }
         if self.other is not None:
             found["other"] = {
@@ -70,6 +73,11 @@ class ClosedLoop:
                 "differences": {one.figure.key: _difference(one) for one in self.differences},
             }
         return found
+
+    @property
+    def beyond(self) -> list[Figure]:
+        """Figures whose recorded value lies beyond all re-runs of the whole fleet."""
+        return [one.figure for one in self.distributions if one.outside] if self.whole else []
 
 
 def _difference(one: PairedDifference) -> dict[str, Any]:
@@ -133,8 +141,7 @@ def run(runs: list[Run], options: argparse.Namespace, console: Console) -> int:
         for path in draw(closed, options.plots):
             if not options.json:
                 console.print(f"picture: {path}", markup=False)
-    beyond = closed is not None and any(one.outside for one in closed.distributions)
-    return DIVERGED if beyond and options.strict else REPRODUCED
+    return DIVERGED if options.strict and closed is not None and closed.beyond else REPRODUCED
 
 
 def _seeds(count: int | None) -> list[int]:
@@ -150,7 +157,13 @@ def _closed_loop(recording: Recording, seeds: list[int], other: Choice | None) -
     found = rerun_all(plans, seeds, f"{len(seeds)} re-runs of {plan.seconds:.0f} s")
     recorded = values_of(recorded_metrics(recording))
     closed = ClosedLoop(
-        seeds, plan.air.text, _allocator(recording), recorded, found[0], distributions(found[0], recorded)
+        seeds,
+        plan.air.text,
+        _allocator(recording),
+        recorded,
+        found[0],
+        distributions(found[0], recorded),
+        not plan.missing,
     )
     if other is None:
         return closed

@@ -118,4 +118,5 @@ def _difference(axis: Any, one: PairedDifference, values: np.ndarray[Any, np.dty
     axis.set_title(one.figure.title, fontsize=10)
     axis.set_xlabel(one.figure.unit or "", fontsize=9)
     axis.set_yticks([])
+    axis.xaxis.get_major_locator().set_params(nbins=5)
     axis.tick_params(labelsize=8)

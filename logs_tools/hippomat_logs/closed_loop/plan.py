@@ -103,6 +103,12 @@ class FleetPlan:
     air: Air
 
     @property
+    def missing(self) -> tuple[int, ...]:
+        """Robots of the fleet without a log."""
+        there = {robot.config.robot.id for robot in self.robots}
+        return tuple(robot for robot in range(self.size) if robot not in there)
+
+    @property
     def seconds(self) -> float:
         return max(robot.ends_s for robot in self.robots)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hippomat_core import messages as m
 from hippomat_core.config import Config, RosConfig
 from hippomat_core.errors import HippomatError, LogError
+from hippomat_core.fleet.claims import serves_alone
 from hippomat_core.maps.map_event import grid_in
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.wire.frames import RELAY, STATE, STOP, TASKS
@@ -87,10 +88,12 @@ def read_recording(runs: Sequence[Run], air: Air) -> Recording:
         )
         for one, begin_ns in zip(seen, begins_ns, strict=True)
     )
-    _note_what_differs(seen, fleet.size, notes)
     if air.kind == RECORDED:
         air = replace(air, deliveries=_deliveries(robots, alignment, origin_ns, fleet.size))
-    return Recording(tuple(robots), alignment, FleetPlan(grid, fleet.size, plans, air), tuple(notes))
+    plan = FleetPlan(grid, fleet.size, plans, air)
+    _note_who_is_missing(plan, notes)
+    _note_what_differs(seen, notes)
+    return Recording(tuple(robots), alignment, plan, tuple(notes))
 
 
 def _robots(runs: Sequence[Run], notes: list[str]) -> list[Run]:
@@ -157,12 +160,21 @@ def _plan(seen: _Seen, begins_s: float, ends_s: float) -> RobotPlan:
     return RobotPlan(config, seen.run.policy or None, seen.start, begins_s, ends_s, first_tick_s)
 
 
-def _note_what_differs(seen: Sequence[_Seen], size: int, notes: list[str]) -> None:
-    there = {one.run.robot for one in seen}
-    missing = [robot for robot in range(size) if robot not in there]
-    if missing:
-        names = ", ".join(map(str, missing))
-        notes.append(f"no log of robot {names}: the re-runs are without it, and so are its links")
+def _note_who_is_missing(plan: FleetPlan, notes: list[str]) -> None:
+    if not plan.missing:
+        return
+    names = ", ".join(map(str, plan.missing))
+    whose, their = ("robot", "its") if len(plan.missing) == 1 else ("robots", "their")
+    notes.append(
+        f"no log of {whose} {names}: the re-runs have neither {their} work nor frames nor votes, so they do "
+        "not say whether the recorded values are usual"
+    )
+    partition = plan.robots[0].config.fleet.partition
+    if len(plan.robots) <= plan.size // 2 and not serves_alone(partition, plan.size):
+        notes.append(f"{len(plan.robots)} of {plan.size} robots are no majority: they confirm no claim")
+
+
+def _note_what_differs(seen: Sequence[_Seen], notes: list[str]) -> None:
     for one in seen:
         if one.stopped:
             notes.append(f"robot {one.run.robot} heard a STOP or RESUME; nobody stops the re-runs")

@@ -58,13 +58,13 @@ def closed(found: ClosedLoop, console: Console) -> None:
             _title(one.figure),
             _number(one.recorded, one.figure.digits),
             *(_number(value, one.figure.digits) for value in one.quantiles),
-            _place(one),
+            _place(one, found.whole),
         )
     console.print(table)
     console.print("percentile: share of the re-runs below the recorded value, ties half")
     if count < ENOUGH:
         console.print(f"level L4 asks for {ENOUGH} re-runs or more: --seeds {ENOUGH}")
-    beyond = [one.figure.title for one in found.distributions if one.outside]
+    beyond = [figure.title for figure in found.beyond]
     if beyond:
         verb = "lies" if len(beyond) == 1 else "lie"
         console.print(f"beyond all re-runs {verb} the recorded: {', '.join(beyond)}", markup=False)
@@ -108,10 +108,13 @@ def verdicts(differences: Sequence[PairedDifference], recorded: str, other: str)
         by = _number(abs(one.difference), max(one.figure.digits, 1))
         unit = f" {one.figure.unit}" if one.figure.unit else ""
         lines.append(f"{one.figure.title}: {other} is {more} by {by}{unit} than {recorded}")
-    same = [one for one in differences if one.pairs and one.low == one.high == 0.0]
-    if len(same) == len([one for one in differences if one.pairs]) and same:
+    compared = [one for one in differences if one.pairs]
+    same = [one.figure.title for one in compared if one.low == one.high == 0.0]
+    if same and len(same) == len(compared):
         return [f"{other} and {recorded} differ in nothing, seed by seed"]
-    unclear = [one.figure.title for one in differences if not one.distinguishable and not math.isnan(one.low)]
+    if same:
+        lines.append(f"equal, seed by seed: {', '.join(same)}")
+    unclear = [one.figure.title for one in compared if one.low <= 0.0 <= one.high and one.low < one.high]
     if unclear:
         lines.append(f"not distinguishable with so many seeds: {', '.join(unclear)}")
     if any(one.pairs == 1 for one in differences):
@@ -130,8 +133,10 @@ def _title(figure: Figure) -> str:
     return f"{figure.title} ({figure.unit})" if figure.unit else figure.title
 
 
-def _place(one: Distribution) -> str:
-    return "-" if math.isnan(one.percentile) else f"{one.percentile:.0f}{'!' if one.outside else ''}"
+def _place(one: Distribution, whole: bool) -> str:
+    if math.isnan(one.percentile) or not whole:
+        return "-"
+    return f"{one.percentile:.0f}{'!' if one.outside else ''}"
 
 
 def _number(value: float, digits: int) -> str:
