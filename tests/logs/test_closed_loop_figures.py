@@ -10,11 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hippomat_core.errors import ConfigError
-from hippomat_logs.closed_loop.figures import FIGURES, distributions, mean_interval, paired_differences
+from hippomat_logs.closed_loop.figures import (
+    FEWEST_PAIRS,
+    FIGURES,
+    distributions,
+    mean_interval,
+    paired_differences,
+)
 from hippomat_logs.closed_loop.plan import SenderDeliveries, parse_air
 from hippomat_logs.closed_loop.show import verdicts
 
-NUMBERS = st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30)
+NUMBERS = st.lists(st.floats(-1e3, 1e3), min_size=FEWEST_PAIRS, max_size=30)
 
 
 def values(number: float) -> dict[str, float]:
@@ -24,8 +30,13 @@ def values(number: float) -> dict[str, float]:
 @given(NUMBERS)
 def test_the_interval_of_a_mean_holds_values_between_the_extremes(numbers: list[float]) -> None:
     low, high = mean_interval(np.array(numbers))
-    if not math.isnan(low):
-        assert min(numbers) - 1e-6 <= low <= high <= max(numbers) + 1e-6
+    assert min(numbers) - 1e-6 <= low <= high <= max(numbers) + 1e-6
+
+
+def test_a_few_pairs_that_happen_to_agree_decide_nothing() -> None:
+    few = paired_differences([values(1.0)] * 3, [values(2.0)] * 3)
+    assert not any(one.distinguishable for one in few)
+    assert verdicts(few, "a", "b") == ["fewer than 10 pairs have no interval and decide nothing: --seeds 20"]
 
 
 def test_a_recorded_value_is_placed_among_the_re_runs() -> None:

@@ -18,6 +18,7 @@ from hippomat_core.errors import ConfigError
 from hippomat_logs.closed_loop import show
 from hippomat_logs.closed_loop.choice import Choice, other_choice
 from hippomat_logs.closed_loop.figures import (
+    FEWEST_RERUNS,
     Distribution,
     Figure,
     PairedDifference,
@@ -36,7 +37,6 @@ from hippomat_logs.metrics.fleet import Clocks
 from hippomat_logs.reader import Run
 from hippomat_logs.report import DIVERGED, REPRODUCED
 
-SEEDS = 20
 MAX_SEEDS = 10_000
 
 
@@ -76,8 +76,9 @@ class ClosedLoop:
 
     @property
     def beyond(self) -> list[Figure]:
-        """Figures whose recorded value lies beyond all re-runs of the whole fleet."""
-        return [one.figure for one in self.distributions if one.outside] if self.whole else []
+        """Figures whose recorded value lies beyond all of enough re-runs of the whole fleet."""
+        judged = self.whole and len(self.seeds) >= FEWEST_RERUNS
+        return [one.figure for one in self.distributions if one.outside] if judged else []
 
 
 def _difference(one: PairedDifference) -> dict[str, Any]:
@@ -93,7 +94,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="level L4: the fleet again in simulation, with the recorded tasks, map, starts and radio",
     )
-    add("--seeds", type=int, metavar="N", help=f"how many re-runs, for what was not recorded ({SEEDS})")
+    add(
+        "--seeds",
+        type=int,
+        metavar="N",
+        help=f"how many re-runs, for what was not recorded ({FEWEST_RERUNS})",
+    )
     add("--radio", metavar="HOW", help="of the re-runs: recorded (default), ideal, or loss=P")
     add("--allocator", metavar="NAME", help="and what if the robots decided by this one?")
     add("--policy", type=Path, metavar="FILE", help="the same with these weights (safetensors)")
@@ -114,6 +120,8 @@ def asked(options: argparse.Namespace) -> list[str]:
 def run(runs: list[Run], options: argparse.Namespace, console: Console) -> int:
     """The exit code."""
     seeds = _seeds(options.seeds)
+    if options.strict and options.closed_loop and len(seeds) < FEWEST_RERUNS:
+        raise ConfigError(f"--strict judges by {FEWEST_RERUNS} re-runs or more, not by --seeds {len(seeds)}")
     air = parse_air(options.radio or RECORDED)
     if options.closed_loop:
         fleet_world()  # before minutes of reading
@@ -145,7 +153,7 @@ def run(runs: list[Run], options: argparse.Namespace, console: Console) -> int:
 
 
 def _seeds(count: int | None) -> list[int]:
-    count = SEEDS if count is None else count
+    count = FEWEST_RERUNS if count is None else count
     if not 1 <= count <= MAX_SEEDS:
         raise ConfigError(f"--seeds {count} is outside 1 .. {MAX_SEEDS}")
     return list(range(1, count + 1))

@@ -18,6 +18,8 @@ from hippomat_logs.metrics import FleetMetrics
 
 Values = dict[str, float]  # by Figure.key
 CONFIDENCE = 0.95
+FEWEST_RERUNS = 20  # fewer are no distribution that a recorded value could lie outside of
+FEWEST_PAIRS = 10  # of fewer, resampling makes intervals that are much too narrow
 VARIES = 1e-9  # what varies by less is equal but for how sums are rounded
 
 
@@ -134,8 +136,8 @@ def paired_differences(reruns: Sequence[Values], others: Sequence[Values]) -> li
 
 
 def mean_interval(values: NDArray[np.float64]) -> tuple[float, float]:
-    """95 % interval of the mean; one value alone has none. The same values give the same interval."""
-    if len(values) < 2:
+    """95 % interval of the mean, of enough values. The same values give the same interval."""
+    if len(values) < FEWEST_PAIRS:
         return math.nan, math.nan
     if np.ptp(values) < VARIES:  # nothing to resample
         return float(values[0]), float(values[0])

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core import messages as m
-from hippomat_core.config import Config, RosConfig
+from hippomat_core.config import Config, RobotConfig, RosConfig
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_core.fleet.claims import serves_alone
 from hippomat_core.maps.map_event import grid_in
@@ -156,8 +156,15 @@ def _plan(seen: _Seen, begins_s: float, ends_s: float) -> RobotPlan:
             f"{seen.run.name}: never knew where it was, so it cannot be put there: leave its log out"
         )
     config = replace(seen.config, ros=RosConfig())
+    if seen.config.ros.localizes:  # ROS told it where it was; again its first place does
+        config = replace(config, robot=_starting_at(config.robot, seen.start))
     first_tick_s = max(0, seen.tick_ns - seen.first_ns) / 1e9
     return RobotPlan(config, seen.run.policy or None, seen.start, begins_s, ends_s, first_tick_s)
+
+
+def _starting_at(robot: RobotConfig, start: Pose) -> RobotConfig:
+    x_m, y_m, yaw_rad = start
+    return replace(robot, start_x_m=x_m, start_y_m=y_m, start_yaw_rad=yaw_rad, start_known=True)
 
 
 def _note_who_is_missing(plan: FleetPlan, notes: list[str]) -> None:

@@ -9,13 +9,17 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
-from hippomat_logs.closed_loop.figures import Distribution, Figure, PairedDifference
+from hippomat_logs.closed_loop.figures import (
+    FEWEST_PAIRS,
+    FEWEST_RERUNS,
+    Distribution,
+    Figure,
+    PairedDifference,
+)
 from hippomat_logs.closed_loop.open_loop import OpenLoop
 
 if TYPE_CHECKING:
     from hippomat_logs.closed_loop.command import ClosedLoop
-
-ENOUGH = 20  # re-runs, for a distribution to be one
 
 
 def notes(lines: Sequence[str], console: Console) -> None:
@@ -58,12 +62,12 @@ def closed(found: ClosedLoop, console: Console) -> None:
             _title(one.figure),
             _number(one.recorded, one.figure.digits),
             *(_number(value, one.figure.digits) for value in one.quantiles),
-            _place(one, found.whole),
+            _place(one, found),
         )
     console.print(table)
     console.print("percentile: share of the re-runs below the recorded value, ties half")
-    if count < ENOUGH:
-        console.print(f"level L4 asks for {ENOUGH} re-runs or more: --seeds {ENOUGH}")
+    if count < FEWEST_RERUNS:
+        console.print(f"level L4 judges by {FEWEST_RERUNS} re-runs or more: --seeds {FEWEST_RERUNS}")
     beyond = [figure.title for figure in found.beyond]
     if beyond:
         verb = "lies" if len(beyond) == 1 else "lie"
@@ -117,8 +121,10 @@ def verdicts(differences: Sequence[PairedDifference], recorded: str, other: str)
     unclear = [one.figure.title for one in compared if one.low <= 0.0 <= one.high and one.low < one.high]
     if unclear:
         lines.append(f"not distinguishable with so many seeds: {', '.join(unclear)}")
-    if any(one.pairs == 1 for one in differences):
-        lines.append("one seed has no interval: give --seeds 20")
+    if any(0 < one.pairs < FEWEST_PAIRS for one in differences):
+        lines.append(
+            f"fewer than {FEWEST_PAIRS} pairs have no interval and decide nothing: --seeds {FEWEST_RERUNS}"
+        )
     return lines
 
 
@@ -133,10 +139,10 @@ def _title(figure: Figure) -> str:
     return f"{figure.title} ({figure.unit})" if figure.unit else figure.title
 
 
-def _place(one: Distribution, whole: bool) -> str:
-    if math.isnan(one.percentile) or not whole:
+def _place(one: Distribution, found: ClosedLoop) -> str:
+    if math.isnan(one.percentile) or not found.whole:
         return "-"
-    return f"{one.percentile:.0f}{'!' if one.outside else ''}"
+    return f"{one.percentile:.0f}{'!' if one.figure in found.beyond else ''}"
 
 
 def _number(value: float, digits: int) -> str:
