@@ -56,6 +56,13 @@ class RobotConfig:
     radius_m: float = number(0.12, 0.02, 2.0)  # of a disc that holds the whole body
     footprint: tuple[tuple[float, ...], ...] = ()  # convex outline ((x, y), ..) [m], base frame; (): the disc
 
+    def starting_at(self, pose: tuple[float, float, float]) -> RobotConfig:
+        """The same robot, which knows that it starts at x, y [m], yaw [rad] (map frame)."""
+        x_m, y_m, yaw_rad = pose
+        return dataclasses.replace(
+            self, start_x_m=x_m, start_y_m=y_m, start_yaw_rad=yaw_rad, start_known=True
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class LidarConfig:

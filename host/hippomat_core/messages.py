@@ -35,6 +35,7 @@ from hippomat_core.wire.frames import Header, RelayFrame, StateFrame, StopFrame,
 RADIO, BASE, LIDAR, ROS = 0, 1, 2, 3  # ports; ROS is no serial one, and may stand in for base and lidar
 PORT_NAMES = ("radio", "base", "lidar", "ros")
 INFO, WARNING, ERROR = 0, 1, 2  # alarm levels
+NEVER_HEARD_MS = 65_535  # RoundDecided.row_age_ms of a peer that was never heard; older ones say so too
 
 
 # ---- events -------------------------------------------------------------------------------------
@@ -422,7 +423,7 @@ class MapDrawn:
 class RoundDecided:
     """One decision with everything it was made from: the snapshot and the delivery ledger.
 
-    N rows in id order, M task slots. A peer never heard has row_age_ms 65535 and unreachable costs.
+    N rows in id order, M task slots. A peer never heard has row_age_ms NEVER_HEARD_MS and unreachable costs.
     """
 
     round: U32

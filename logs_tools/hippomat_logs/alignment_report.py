@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from hippomat_logs.alignment import Alignment, RunClock
-from hippomat_logs.quick_look import DPI, pyplot
+from hippomat_logs.metrics.as_json import plain
+from hippomat_logs.pictures import new_figure
+from hippomat_logs.quick_look import DPI
 
 YEAR_S = 31_557_600
 MOST_DRAWN = 3000  # frames of a link
@@ -99,15 +101,14 @@ def as_json(alignment: Alignment) -> dict[str, Any]:
 def _clock_json(clock: RunClock) -> dict[str, Any]:
     names = ("name", "robot", "offset_ns", "drift_ppm", "pairs", "violations", "through", "boots")
     facts = {name: getattr(clock, name) for name in names}
-    median, most, largest = (None if x != x else x for x in clock.residual_ns)  # JSON knows no nan
-    facts["residual_ns"] = {"median": median, "p95": most, "max": largest}
-    facts["uncertainty_ns"] = None if clock.uncertainty_ns != clock.uncertainty_ns else clock.uncertainty_ns
-    return facts
+    facts["residual_ns"] = dict(zip(("median", "p95", "max"), clock.residual_ns, strict=True))
+    facts["uncertainty_ns"] = clock.uncertainty_ns
+    made: dict[str, Any] = plain(facts)
+    return made
 
 
 def draw_alignment(alignment: Alignment, path: Path) -> None:
     """Per receiver: how much later than it was sent each frame was heard, in common time."""
-    plt = pyplot()
     heard = _heard(alignment)
     if not heard:
         return
@@ -117,7 +118,8 @@ def draw_alignment(alignment: Alignment, path: Path) -> None:
     columns = min(len(heard), 3)
     rows = -(-len(heard) // columns)
     size = (4.2 * columns, 2.8 * rows + 0.5)
-    figure, axes = plt.subplots(rows, columns, figsize=size, sharex=True, sharey=True, squeeze=False)
+    figure = new_figure(size)
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     figure.suptitle("frames on the radios' clocks, heard after they were sent")
     for place, axis in enumerate(axes.flat):
         axis.set_visible(place < len(heard))
@@ -134,7 +136,6 @@ def draw_alignment(alignment: Alignment, path: Path) -> None:
     figure.supylabel("late by [us]")
     figure.tight_layout()
     figure.savefig(path, dpi=DPI)
-    plt.close(figure)
 
 
 def _heard(alignment: Alignment) -> dict[str, list[tuple[str, NDArray[np.int64], NDArray[np.float64]]]]:

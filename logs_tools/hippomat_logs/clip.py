@@ -22,13 +22,11 @@ from hippomat_logs.new_log import NewRecord, write_log
 from hippomat_logs.reader import CLIP_KEY, COMPARED_FROM_KEY, Record, Run
 from hippomat_logs.redecide import attachments_of
 from hippomat_logs.report import Divergence
-from hippomat_logs.schema import EFFECTS, EVENTS, TOPICS
+from hippomat_logs.schema import EFFECT_TOPICS, EVENT_TOPICS, EVENTS
 
 BUDGET_STEPS = 300_000  # of the core: half a minute or so
 FIRST_WINDOW_S = 0.5  # before the divergence; doubled until it shows
 _FOUNDATIONS = (m.Started, m.MapReceived, m.PortOpened, m.PortLost)
-_EVENT_TOPICS = frozenset(TOPICS[kind] for kind in EVENTS)
-_EFFECT_TOPICS = frozenset(TOPICS[kind] for kind in EFFECTS)
 
 Progress = Callable[[int, int], None]  # (steps done, budget)
 
@@ -45,11 +43,11 @@ class Found:
 
 def find_divergence(run: Run, exact: bool) -> Found | None:
     """Where `run` first diverges; None where it does not."""
-    replay = _replay(run, exact, initial_state(run.config, run.policy or None))
+    replay = DecisionReplay(run, initial_state(run.config, run.policy or None), exact)
     events: list[Record] = []
     effects: list[Record] = []
     for path, raw in run.raw_in_order():
-        if raw.topic in _EVENT_TOPICS:
+        if raw.topic in EVENT_TOPICS:
             if replay.divergence is not None:
                 break
             record = run.decoded(path, raw)
@@ -58,7 +56,7 @@ def find_divergence(run: Run, exact: bool) -> Found | None:
                 break  # it happened at the event before
             events.append(record)
             effects = []
-        elif raw.topic in _EFFECT_TOPICS:
+        elif raw.topic in EFFECT_TOPICS:
             effects.append(run.decoded(path, raw))
             replay.feed(effects[-1])
     replay.result(run.recovered)
@@ -146,7 +144,7 @@ class _Thinning:
             state = _after(self._begun, (record.message for record in events))
         except Exception:  # whatever the core raises without these events is not what we look for
             return False
-        replay = _replay(self._found.run, self._exact, state)
+        replay = DecisionReplay(self._found.run, state, self._exact)
         for record in (self._found.events[-1], *self._found.effects):
             replay.feed(record)
         replay.result(False)
@@ -157,11 +155,6 @@ def _after(state: State, events: Iterable[Any]) -> State:
     for event in events:
         state, _ = step(state, event)
     return state
-
-
-def _replay(run: Run, exact: bool, state: State) -> DecisionReplay:
-    started_ns = int(run.manifest.get("started_ns", "0"))
-    return DecisionReplay(run.config, state, run.store, exact, started_ns, run.wall_offset_ns)
 
 
 def _meaning(divergence: Divergence | None) -> tuple[str, str, str] | None:

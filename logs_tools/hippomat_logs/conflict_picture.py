@@ -6,22 +6,15 @@ The axis of time is allocation rounds, which all robots count alike; no clock is
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from hippomat_core.errors import HippomatError
 from hippomat_logs.fleet_story.causes import CAUSES
 from hippomat_logs.fleet_story.conflicts import DOUBLY_CONFIRMED, Conflict
 from hippomat_logs.fleet_story.story import FleetStory
 from hippomat_logs.fleet_story.values import Claim
-
-try:
-    from matplotlib.axes import Axes
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
-except ModuleNotFoundError:
-    raise HippomatError("matplotlib is not installed: pip install 'hippomat[viz]'") from None
+from hippomat_logs.pictures import new_figure
 
 # Okabe and Ito's colours, told apart by everybody
 COLOURS = dict(zip(CAUSES, ("#D55E00", "#E69F00", "#56B4E9", "#0072B2", "#CC79A7", "#999999"), strict=True))
@@ -31,8 +24,7 @@ INCHES, DPI = (12.0, 5.0), 120
 
 def draw(story: FleetStory, conflicts: list[Conflict], path: Path) -> None:
     """Write the file; its suffix says of which kind."""
-    figure = Figure(figsize=INCHES, dpi=DPI, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(INCHES, dpi=DPI, facecolor="white", layout="constrained")
     matrix, lines = figure.subplots(1, 2, width_ratios=(1.0, 2.6))
     robots = sorted(story.robots)
     _draw_matrix(matrix, robots, conflicts)
@@ -40,7 +32,7 @@ def draw(story: FleetStory, conflicts: list[Conflict], path: Path) -> None:
     figure.savefig(path)
 
 
-def _draw_matrix(axes: Axes, robots: list[int], conflicts: list[Conflict]) -> None:
+def _draw_matrix(axes: Any, robots: list[int], conflicts: list[Conflict]) -> None:
     place = {robot: k for k, robot in enumerate(robots)}
     counts = np.zeros((len(robots), len(robots)), np.int64)
     for one in conflicts:
@@ -59,7 +51,7 @@ def _draw_matrix(axes: Axes, robots: list[int], conflicts: list[Conflict]) -> No
     axes.set_title(f"who with whom ({len(conflicts)} in all)")
 
 
-def _draw_claims(axes: Axes, story: FleetStory, robots: list[int], conflicts: list[Conflict]) -> None:
+def _draw_claims(axes: Any, story: FleetStory, robots: list[int], conflicts: list[Conflict]) -> None:
     place = {robot: k for k, robot in enumerate(robots)}
     for claim in story.claims:
         last = story.robots[claim.robot].rounds[1] + 1
@@ -78,12 +70,14 @@ def _draw_claims(axes: Axes, story: FleetStory, robots: list[int], conflicts: li
     axes.set_ylabel("robot")
     axes.set_title("claims (light: requested, dark: confirmed) and conflicts")
     seen = [cause for cause in CAUSES if any(one.cause == cause for one in conflicts)]
+    from matplotlib.lines import Line2D  # matplotlib loads slowly
+
     handles = [Line2D([], [], color=COLOURS[cause], marker="o", label=cause) for cause in seen]
     if handles:
         axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=len(handles))
 
 
-def _draw_claim(axes: Axes, claim: Claim, row: int, last: int) -> None:
+def _draw_claim(axes: Any, claim: Claim, row: int, last: int) -> None:
     begun = claim.requested.round
     end = last if claim.ended is None else claim.ended.round
     axes.barh(row, max(end - begun, 1), left=begun, height=0.5, color=REQUESTED_GREY, edgecolor="white")

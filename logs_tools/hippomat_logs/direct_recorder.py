@@ -15,10 +15,10 @@ from hippomat_core.config import Config
 from hippomat_core.errors import HippomatError
 from hippomat_core.messages import Effect, Event
 from hippomat_logs.derived import DerivedTopics
-from hippomat_logs.part import POLICY_ATTACHMENT
-from hippomat_logs.parts import Encoded, PartSeries
-from hippomat_logs.recorder import SYNC_S, log_name
+from hippomat_logs.parts import Encoded
+from hippomat_logs.recorder import SYNC_S
 from hippomat_logs.records import SerialRecord
+from hippomat_logs.run_series import attachments, begin, series_of
 from hippomat_logs.schema import MessageStore
 from hippomat_logs.sink import SinkOpener, file_sinks
 
@@ -46,15 +46,9 @@ class DirectRecorder:
         self._derived = DerivedTopics(self._store, config)
         self._drawn = self._derived.kinds
         self._number, self._stamp_ns, self._flush_ns = 0, stamp_ns, stamp_ns
-        facts = {**manifest, "wall_offset_ns": str(self._offset_ns), "started_ns": str(stamp_ns)}
-        carried = {**({POLICY_ATTACHMENT: policy} if policy else {}), **(files or {})}
-        opener = open_sink or file_sinks(directory)
-        part_bytes, part_s = config.log.part_mib << 20, config.log.part_s
-        name = log_name(manifest, wall_ns)
-        self._series = PartSeries(opener, name, facts, self._store, part_bytes, part_s, carried)
-        self._series.open()
-        for topic, data in self._derived.static():
-            self._series.add(Encoded(topic, 0, wall_ns, data, derived=True), stamp_ns / 1e9)
+        opener, carried = open_sink or file_sinks(directory), attachments(policy, files)
+        self._series = series_of(opener, manifest, self._store, config, wall_ns, stamp_ns, carried)
+        begin(self._series, self._derived, wall_ns, stamp_ns / 1e9)
 
     def event(self, event: Event) -> None:
         self._put(event.stamp_ns, event)

@@ -6,9 +6,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from hippomat_logs.definitions import Task
 from hippomat_logs.fleet_story.decision_view import Choice, DecisionView, RowView, cost_text
 from hippomat_logs.fleet_story.story import FleetStory
-from hippomat_logs.fleet_story.values import Claim, Task
+from hippomat_logs.fleet_story.values import Claim
 from hippomat_logs.paragraphs import say
 
 CHOICES = 6

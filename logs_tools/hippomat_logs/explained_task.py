@@ -5,13 +5,13 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
+from hippomat_logs.definitions import TICKS_PER_S
 from hippomat_logs.fleet_story.decision_view import cost_text
 from hippomat_logs.fleet_story.story import FleetStory
 from hippomat_logs.fleet_story.task_life import Learnt, RequestView, TaskLife
 from hippomat_logs.paragraphs import say
 
 MOST_ROBOTS = 8  # columns of costs
-TICKS_PER_S = 20
 
 
 def show_task(story: FleetStory, life: TaskLife, console: Console, with_costs: bool) -> None:

@@ -32,7 +32,7 @@ from hippomat_logs.part import (
 )
 from hippomat_logs.reader import NAME_KEY, Run, read_raw
 from hippomat_logs.schema import CLASSES, DERIVED
-from hippomat_logs.walk import Contents, RawMessage
+from hippomat_logs.walk import Contents, RawMessage, counted_inside
 
 ALIGNMENT_ATTACHMENT = "alignment.json"
 BATCH = 2000  # records whose common times are computed at once
@@ -97,7 +97,7 @@ def _write_head(writer: LogWriter, run: Run, name: str) -> tuple[str, dict[str, 
 def _facts(path: Path, inside: str) -> Contents:
     """What a part says beside its messages."""
     contents = Contents(inside=inside)
-    for _ in read_raw(path, contents):
+    for _ in read_raw(path, contents, counted_inside):
         pass
     return contents
 

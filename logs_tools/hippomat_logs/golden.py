@@ -67,20 +67,20 @@ def golden_runs(path: Path) -> list[Path]:
 
 def differences(directory: Path) -> list[str]:
     """One line for everything that is not as expected, with the command that accepts it; none: all is."""
-    known = _read(directory)
-    found = report_of(directory)
+    known, runs = _read(directory), open_runs([directory])
+    replays = _replays(runs)
+    found = report_of(runs, replays)
     lines = list(_differences("", {key: known.get(key) for key in found}, found))
-    for one in _replays(open_runs([directory])):
+    for one in replays:
         lines += [f"robot {one.robot} {r.level}: {r.divergence}" for r in one.results if r.divergence]
     if lines:
         lines.append(f"if that is meant: hippomat-replay {directory} --update-golden --reason '...'")
     return lines
 
 
-def report_of(directory: Path) -> dict[str, Any]:
-    """What is expected of the logs in `directory`, as they are."""
-    runs = open_runs([directory])
-    verdicts = {report.robot: report.verdict for report in _replays(runs)}
+def report_of(runs: Sequence[Run], replays: Sequence[RunReport]) -> dict[str, Any]:
+    """What is expected of these logs, as they are."""
+    verdicts = {report.robot: report.verdict for report in replays}
     robots = {f"robot {run.robot}": {"verdict": verdicts[run.robot], **_facts_of(run)} for run in runs}
     metrics = fleet_metrics(runs, [robot_metrics(run) for run in runs], clocks_of(runs, trusted=True))
     figures = plain(figures_of(metrics))
@@ -94,7 +94,8 @@ def write_expected(directory: Path, blessing: Blessing, changes: Sequence[Change
         "date": blessing.date, "commit": blessing.commit, "reason": blessing.reason,
         "changed": [str(change) for change in changes],
     }  # fmt: skip
-    report = {**report_of(directory), "history": [*history, entry]}
+    runs = open_runs([directory])
+    report = {**report_of(runs, _replays(runs)), "history": [*history, entry]}
     (directory / EXPECTED).write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
 
 

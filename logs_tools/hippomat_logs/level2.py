@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from hippomat_core import messages as m
-from hippomat_core.config import Config
 from hippomat_core.step import State, step
-from hippomat_logs.reader import Record
+from hippomat_logs.reader import Record, Run
 from hippomat_logs.report import FAILED, OK, Divergence, LevelResult
 from hippomat_logs.schema import EFFECTS, EVENTS, TOPICS, MessageStore, differences
 from hippomat_logs.walk import RawMessage
@@ -75,22 +74,15 @@ class EffectComparison:
 class DecisionReplay:
     """Feed every record of one run in order, then ask for the result. Stops at the first divergence."""
 
-    def __init__(
-        self,
-        config: Config,
-        state: State,
-        store: MessageStore,
-        exact: bool,
-        started_ns: int,
-        wall_offset_ns: int,
-        compared_from: int = 0,
-    ) -> None:
-        """compared_from: a record's number; effects of earlier events were not kept."""
-        self._state, self._compared_from = state, compared_from
+    def __init__(self, run: Run, state: State, exact: bool) -> None:
+        """state: from which the core goes on. Of a clip, effects of earlier events were not kept."""
+        config = run.config
+        self._state, self._compared_from = state, run.compared_from
         self._robot = config.robot.id
-        self._decides = config.robot.id >= 0 and config.slam.mode != "map" and not compared_from
-        self._started_ns, self._offset_ns = started_ns, wall_offset_ns
-        self._compare = EffectComparison(store, exact)
+        self._decides = config.robot.id >= 0 and config.slam.mode != "map" and not run.compared_from
+        self._started_ns = int(run.manifest.get("started_ns", "0"))
+        self._offset_ns = run.wall_offset_ns
+        self._compare = EffectComparison(run.store, exact)
         self._pending: Iterator[m.Effect] = iter(())
         self._tick = self._events = self._effects = self._decisions = 0
         self._last: Record | None = None

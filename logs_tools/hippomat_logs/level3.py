@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core import messages as m
+from hippomat_core.slam.poses import seen_from, wrapped
 from hippomat_logs.reader import Run
 from hippomat_logs.report import FAILED, MISSED, NOT_RUN, OK, LevelResult
 
@@ -73,7 +74,7 @@ class Driven:
 
     @property
     def errors_rad(self) -> NDArray[np.float64]:
-        return np.abs(_wrapped(self.windows[1:, 2] - self.recorded[1:, 2]))
+        return np.abs(wrapped(self.windows[1:, 2] - self.recorded[1:, 2]))
 
     @property
     def drift_m(self) -> NDArray[np.float64]:
@@ -98,8 +99,9 @@ class Driven:
         enough = self.times_s[until] - self.times_s > 0.9 * RPE_STEP_S
         kept = enough & (window == window[until]) & ~np.isin(begins, self.begins[1:])
         first, last = begins[kept], until[kept]
-        apart = _moves(self.windows, first, last) - _moves(self.recorded, first, last)
-        return np.hypot(apart[:, 0], apart[:, 1]), np.abs(_wrapped(apart[:, 2]))
+        apart = seen_from(self.windows[first], self.windows[last])
+        apart -= seen_from(self.recorded[first], self.recorded[last])
+        return np.hypot(apart[:, 0], apart[:, 1]), np.abs(wrapped(apart[:, 2]))
 
 
 def check_motion(run: Run, strict: bool, plots: Path | None = None) -> LevelResult:
@@ -194,19 +196,6 @@ def _window(motion: Motion, world: ReplayWorld, recorded: Sequence[tuple[float, 
     commands = [(time_s - start_s, v, wz) for time_s, v, wz in motion.commands[first:last]]
     times = [time_s - start_s for time_s, _ in recorded[1:]]
     return world.drive(recorded[0][1], commands, times)
-
-
-def _moves(poses: Poses, begins: Index, ends: Index) -> Poses:
-    """(k, 3): how each pose at `ends` lies in the frame of the one at `begins`."""
-    delta, yaw = poses[ends] - poses[begins], poses[begins, 2]
-    c, s = np.cos(yaw), np.sin(yaw)
-    ahead, left = c * delta[:, 0] + s * delta[:, 1], c * delta[:, 1] - s * delta[:, 0]
-    return np.column_stack([ahead, left, delta[:, 2]])
-
-
-def _wrapped(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    wrapped: NDArray[np.float64] = np.arctan2(np.sin(angles), np.cos(angles))
-    return wrapped
 
 
 def _rms(values: NDArray[np.float64]) -> float:

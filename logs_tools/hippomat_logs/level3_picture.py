@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from hippomat_core.errors import HippomatError
 from hippomat_core.maps.map_event import grid_in
 from hippomat_logs.level3 import BOUND_M, WINDOW_S, Driven, Motion
+from hippomat_logs.pictures import new_figure
 from hippomat_logs.reader import Run
 
 INCHES, DPI = (11.0, 6.5), 110
@@ -21,15 +21,9 @@ RECORDED, SIMULATED, WHOLE = "#222222", "#d95f02", "#1f78b4"
 
 def draw(run: Run, motion: Motion, driven: Driven, directory: Path) -> Path:
     """Write NAME_L3.png into `directory`, which is made if it does not exist."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ModuleNotFoundError:
-        raise HippomatError("matplotlib is not installed: pip install 'hippomat[viz]'") from None
+    figure = new_figure(INCHES, layout="constrained")
     directory.mkdir(parents=True, exist_ok=True)
     path = directory / f"{run.name}_L3.png"
-    figure = Figure(INCHES, layout="constrained")
-    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
     _ways(figure.add_subplot(grid[:, 0]), motion, driven)
     _errors(figure.add_subplot(grid[0, 1]), driven)

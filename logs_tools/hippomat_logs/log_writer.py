@@ -92,11 +92,18 @@ def message_text(stream: Stream) -> str:
 @contextmanager
 def writing(path: Path) -> Iterator[LogWriter]:
     """A writer to a file that must not exist yet; finish() makes it, any error leaves nothing behind."""
+    with whole_file(path) as sink:
+        yield LogWriter(sink)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[FileSink]:
+    """A new file that appears once its sink is finished, or not at all; nothing is overwritten."""
     refuse_existing(path)
     (path.parent / (path.name + PARTIAL)).unlink(missing_ok=True)
     sink = FileSink(path.parent, path.name, PARTIAL)
     try:
-        yield LogWriter(sink)
+        yield sink
     finally:
         if not path.exists():
             sink.abandon()
@@ -107,5 +114,10 @@ def refuse_existing(path: Path) -> None:
     """Nothing is ever overwritten; HippomatError names what is in the way."""
     if path.exists():
         raise HippomatError(f"{path} exists already; move it away, or choose another name")
+    refuse_nowhere(path)
+
+
+def refuse_nowhere(path: Path) -> None:
+    """HippomatError where there is no directory for it."""
     if not path.parent.is_dir():
         raise HippomatError(f"{path}: there is no directory {path.parent}")

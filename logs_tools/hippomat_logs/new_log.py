@@ -9,10 +9,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from hippomat_logs.log_writer import PARTIAL, refuse_existing
+from hippomat_logs.log_writer import whole_file
 from hippomat_logs.part import CHANNELS_KEY, END_METADATA, PartWriter, our_channels
 from hippomat_logs.schema import MessageStore
-from hippomat_logs.sink import FileSink
 
 LEVEL = 19  # of zstd: such files are kept for years, and written once
 FLUSH_RECORDS = 20_000
@@ -34,24 +33,17 @@ def write_log(
     store: MessageStore,
 ) -> int:
     """How many records were written. The file appears whole or not at all; nothing is overwritten."""
-    refuse_existing(path)
-    held = list(records)
-    used = {record.topic for record in held}
-    channels = [channel for channel in our_channels(store) if channel.topic in used]
-    facts = {**manifest, "part": "0", "first_record": "1"}
-    for gone in (CHANNELS_KEY, "recovered"):
-        facts.pop(gone, None)
-    (path.parent / (path.name + PARTIAL)).unlink(missing_ok=True)
-    sink = FileSink(path.parent, path.name, PARTIAL)
-    try:
+    with whole_file(path) as sink:
+        held = list(records)
+        used = {record.topic for record in held}
+        channels = [channel for channel in our_channels(store) if channel.topic in used]
+        facts = {**manifest, "part": "0", "first_record": "1"}
+        for gone in (CHANNELS_KEY, "recovered"):
+            facts.pop(gone, None)
         part = PartWriter(sink, facts, channels, attachments, LEVEL)
         for number, record in enumerate(held, 1):
             part.add(record.topic, number, record.log_time_ns, record.data)
             if number % FLUSH_RECORDS == 0:
                 part.flush()
         part.finish(END_METADATA, {"last_record": str(len(held)), "final": "yes"})
-    finally:
-        if not path.exists():
-            sink.abandon()
-            (path.parent / (path.name + PARTIAL)).unlink(missing_ok=True)
     return len(held)

@@ -120,7 +120,7 @@ class PartWriter:
 
     def add(self, topic: str, number: int, log_time_ns: int, data: bytes) -> None:
         """`number` goes into the sequence field; a derived message carries its source's number."""
-        self._writer.add_message(self._channels[topic], number & 0xFFFFFFFF, log_time_ns, data)
+        self.add_all(((topic, number, log_time_ns, data, False),))
 
     def add_all(self, records: Iterable[tuple[str, int, int, bytes, bool]]) -> None:
         """The same of many: (topic, number, log time, data, anything)."""

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.errors import HippomatError
+from hippomat_core.messages import NEVER_HEARD_MS
 from hippomat_logs.column_table import TIME
 from hippomat_logs.exports import trajectory, trajectory_topics
 from hippomat_logs.opened_run import OpenedRun
+from hippomat_logs.pictures import new_figure
 from hippomat_logs.points import point_topics, points_of
 
 CORE_POSE, DRIVE, DECIDED = (
@@ -23,37 +25,22 @@ CORE_POSE, DRIVE, DECIDED = (
     "/hippo/effect/round_decided",
 )
 MAP, BATTERY = "nav_msgs/msg/OccupancyGrid", "sensor_msgs/msg/BatteryState"
-PICTURES = (".png", ".pdf", ".svg")
 INCHES, DPI = (11.0, 7.0), 110
-NEVER_HEARD_MS = 65_535
 MOST_DRAWN = 300_000  # points; more only make the picture slow
 
 
 def draw(run: OpenedRun, path: Path, topic: str = "") -> str:
     """Write the picture; what is on it, for people. topic: of a laser or a cloud: its points from above."""
-    plt = pyplot()
     if topic:
-        figure, said = _draw_points(plt, run, topic)
+        figure, said = _draw_points(run, topic)
     elif panels := _panels(run):
-        figure, said = _draw_panels(plt, run, panels)
+        figure, said = _draw_panels(run, panels)
     elif topics := point_topics(run):
-        figure, said = _draw_points(plt, run, topics[0])
+        figure, said = _draw_points(run, topics[0])
     else:
         raise HippomatError(f"{run.name}: holds no pose, speed, battery, round or scan that could be drawn")
     figure.savefig(path, dpi=DPI)
-    plt.close(figure)
     return said
-
-
-def pyplot() -> Any:
-    try:
-        import matplotlib
-    except ModuleNotFoundError:
-        raise HippomatError("matplotlib is not installed: pip install 'hippomat[viz]'") from None
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    return plt
 
 
 # ---- a run ----
@@ -75,8 +62,8 @@ def _panels(run: OpenedRun) -> list[tuple[str, Any]]:
     return panels
 
 
-def _draw_panels(plt: Any, run: OpenedRun, panels: list[tuple[str, Any]]) -> tuple[Any, str]:
-    figure = plt.figure(figsize=INCHES, layout="constrained")
+def _draw_panels(run: OpenedRun, panels: list[tuple[str, Any]]) -> tuple[Any, str]:
+    figure = new_figure(INCHES, layout="constrained")
     figure.suptitle(run.name)
     rows = max(1, len(panels) - 1)
     grid = figure.add_gridspec(rows, 2, width_ratios=(1.15, 1.0))
@@ -164,7 +151,7 @@ def _rounds(axes: Any, run: OpenedRun) -> None:
 # ---- points ----
 
 
-def _draw_points(plt: Any, run: OpenedRun, topic: str) -> tuple[Any, str]:
+def _draw_points(run: OpenedRun, topic: str) -> tuple[Any, str]:
     if topic not in point_topics(run):
         known = ", ".join(point_topics(run)) or "none"
         raise HippomatError(f"{run.name}: {topic} holds no scans or clouds; topics that do: {known}")
@@ -174,9 +161,9 @@ def _draw_points(plt: Any, run: OpenedRun, topic: str) -> tuple[Any, str]:
     edge = np.quantile(drawn[:, :2], [0.002, 0.998], axis=0)
     wide_m, high_m = np.maximum(edge[1] - edge[0], 1e-3)
     shape = float(np.clip(high_m / wide_m, 0.4, 2.0))
-    figure, axes = plt.subplots(
-        figsize=(8.0 / max(1.0, shape) + 2.0, 8.0 * min(1.0, shape)), layout="constrained"
-    )
+    inches = 8.0 / max(1.0, shape) + 2.0, 8.0 * min(1.0, shape)
+    figure = new_figure(inches, layout="constrained")
+    axes = figure.subplots()
     low, high = np.quantile(drawn[:, 2], [0.02, 0.98])
     flat = high - low < 1e-6
     shade = {"c": "black"} if flat else {"c": drawn[:, 2], "cmap": "viridis", "vmin": low, "vmax": high}

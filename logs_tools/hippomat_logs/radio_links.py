@@ -78,8 +78,7 @@ def _unambiguous(sent: Sequence[Frames]) -> list[Frames]:
     twice = keys[counts > 1]
     if not len(twice):
         return list(sent)
-    kept = [~np.isin(one.keys, twice) for one in sent]
-    return [Frames(s.keys[k], s.numbers[k], s.air_ns[k]) for s, k in zip(sent, kept, strict=True)]
+    return [one.where(~np.isin(one.keys, twice)) for one in sent]
 
 
 def _matched(sent: Frames, heard: Frames) -> Pairs:

@@ -14,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core import messages as m
+from hippomat_core.wire.frames import RELAY, STATE, STOP, TASKS
 from hippomat_logs.clock_map import BIN_NS, ClockMap, Floats, common_slope, fit_least_late
 from hippomat_logs.column_table import NUMBER, TIME, Table, table_of
+from hippomat_logs.definitions import HEARD
 from hippomat_logs.reader import Run
 from hippomat_logs.schema import CLASSES, TOPICS, type_name
 from hippomat_logs.walk import RawMessage
 
-HEARD = (m.StateHeard, m.RelayHeard, m.TasksHeard, m.StopHeard)
 KINDS = (*HEARD, m.FrameSent, m.RadioStatus, m.RoundEnded)
+_AIR_KINDS = (STATE, RELAY, TASKS, STOP)  # of HEARD
 LONG_BOOT_NS = 60 * BIN_NS  # tells the drift by itself
 BATCH_ROWS = 20_000
 LEADING_BYTES = 96  # hold the fields that are read
@@ -38,9 +40,14 @@ class Frames:
     keys: Keys  # (n,)
     numbers: Times  # (n,) of the records
     air_ns: Times  # (n,) when it was on the air, on the run's own log clock, by way of the radio's
+    kinds: NDArray[np.uint8]  # (n,) wire.frames.STATE ..; a RESUME that was heard counts as STOP
+
+    def where(self, chosen: NDArray[Any]) -> Frames:
+        """Some of them: a mask or places."""
+        return Frames(self.keys[chosen], self.numbers[chosen], self.air_ns[chosen], self.kinds[chosen])
 
 
-NOTHING = Frames(np.empty(0, np.uint64), np.empty(0, np.int64), np.empty(0, np.int64))
+NOTHING = Frames(np.empty(0, np.uint64), np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.uint8))
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +150,7 @@ def _radio_ns(table: dict[str, NDArray[Any]]) -> Times:
 
 
 def _heard(tables: Sequence[dict[str, NDArray[Any]]], numbers: Times, air_ns: Times) -> Frames:
+    kinds = np.repeat(np.array(_AIR_KINDS, np.uint8), [len(table[NUMBER]) for table in tables])
     tables = [table for table in tables if len(table[NUMBER])]
     if not tables:
         return NOTHING
@@ -152,7 +160,7 @@ def _heard(tables: Sequence[dict[str, NDArray[Any]]], numbers: Times, air_ns: Ti
 
     keys = key_of(all_of("header.sender"), all_of("header.boot"), all_of("header.sequence"))
     heard = all_of(NUMBER)
-    return Frames(keys, heard, air_ns[np.searchsorted(numbers, heard)])
+    return Frames(keys, heard, air_ns[np.searchsorted(numbers, heard)], kinds)
 
 
 def _sent(
@@ -182,5 +190,5 @@ def _sent(
     keep = table["sent"] & (boots[of_frame] >= 0) & (senders[of_frame] >= 0)
     keys = key_of(senders[of_frame][keep], boots[of_frame][keep], sequence[keep])
     order = np.argsort(keys, kind="stable")
-    sent = sent[keep][order]
-    return Frames(keys[order], sent, air_ns[np.searchsorted(numbers, sent)])
+    sent, kinds = sent[keep][order], table["kind"][keep][order].astype(np.uint8)
+    return Frames(keys[order], sent, air_ns[np.searchsorted(numbers, sent)], kinds)

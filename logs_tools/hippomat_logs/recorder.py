@@ -13,7 +13,6 @@ import zlib
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,10 +21,10 @@ from hippomat_core.config import Config
 from hippomat_core.messages import LIDAR, Effect, Event
 from hippomat_logs.derived import DerivedTopics
 from hippomat_logs.disk_space import NO_BULK, NO_VIEWS, DiskWatch, FreeBytes, check_forecast, free_bytes
-from hippomat_logs.part import POLICY_ATTACHMENT
-from hippomat_logs.parts import Encoded, PartSeries
+from hippomat_logs.parts import Encoded
 from hippomat_logs.records import DropRecord, ProcessRecord, SerialRecord, TimingRecord, is_bulk
 from hippomat_logs.recovery import recover_directory
+from hippomat_logs.run_series import attachments, begin, series_of
 from hippomat_logs.schema import TOPICS, MessageStore
 from hippomat_logs.sink import SinkOpener, file_sinks
 
@@ -117,14 +116,9 @@ class Recorder:
         self._worst_sync_s = 0.0
         self._fault = ""
         self._closing = threading.Event()
-        facts = {**manifest, "wall_offset_ns": str(self._offset_ns), "started_ns": str(stamp_ns)}
-        name = log_name(manifest, wall_ns)
-        carried = {**({POLICY_ATTACHMENT: policy} if policy else {}), **(files or {})}
-        part_bytes, part_s = config.log.part_mib << 20, config.log.part_s
-        self._series = PartSeries(opener, name, facts, self._store, part_bytes, part_s, carried)
-        self._series.open()
-        for topic, data in self._derived.static():
-            self._series.add(Encoded(topic, 0, wall_ns, data, derived=True), time.monotonic())
+        carried = attachments(policy, files)
+        self._series = series_of(opener, manifest, self._store, config, wall_ns, stamp_ns, carried)
+        begin(self._series, self._derived, wall_ns, time.monotonic())
         self._thread = threading.Thread(target=self._write_until_closed, name="recorder", daemon=True)
         self._thread.start()
 
@@ -288,12 +282,3 @@ class Recorder:
 def _may_go(record: Any) -> bool:
     """Is it bulk?"""
     return record.port == LIDAR if type(record) is _Moved else is_bulk(record)
-
-
-def log_name(manifest: Mapping[str, str], wall_ns: int) -> str:
-    """robot03_20250301T101500Z_<boot id>-<session id>, the stem of every part's file name."""
-    when = datetime.fromtimestamp(wall_ns // 10**9, timezone.utc).strftime("%Y%m%dT%H%M%SZ")
-    robot = manifest.get("robot", "-1")
-    who = f"robot{int(robot):02d}" if robot.lstrip("-").isdigit() and int(robot) >= 0 else "observer"
-    boot = manifest.get("boot_id", "").replace("-", "")[:8] or "noboot"
-    return f"{who}_{when}_{boot}-{manifest.get('session_id', 'none')[:8]}"

@@ -16,11 +16,9 @@ from hippomat_logs.new_log import NewRecord, write_log
 from hippomat_logs.part import POLICY_ATTACHMENT, package_version
 from hippomat_logs.reader import Run
 from hippomat_logs.records import SerialRecord
-from hippomat_logs.schema import EFFECTS, EVENTS, TOPICS
+from hippomat_logs.schema import EFFECT_TOPICS, EVENT_TOPICS, TOPICS
 
-NEEDED = frozenset(TOPICS[kind] for kind in (*EVENTS, *EFFECTS, SerialRecord))
-_EVENT_TOPICS = frozenset(TOPICS[kind] for kind in EVENTS)
-_EFFECT_TOPICS = frozenset(TOPICS[kind] for kind in EFFECTS)
+NEEDED = EVENT_TOPICS | EFFECT_TOPICS | {TOPICS[SerialRecord]}
 
 
 def write_condensed(run: Run, path: Path) -> int:
@@ -48,10 +46,10 @@ def redecided(run: Run) -> Iterator[NewRecord]:
     """Recorded events, each with its effects of today behind it, and the recorded bytes on the ports."""
     state = initial_state(run.config, run.policy or None)
     for path, raw in run.raw_in_order():
-        if raw.topic not in NEEDED or raw.topic in _EFFECT_TOPICS:
+        if raw.topic not in NEEDED or raw.topic in EFFECT_TOPICS:
             continue
         yield NewRecord(raw.log_time_ns, raw.topic, raw.data)
-        if raw.topic in _EVENT_TOPICS:
+        if raw.topic in EVENT_TOPICS:
             state, effects = step(state, run.decoded(path, raw).message)
             for effect in effects:
                 yield NewRecord(raw.log_time_ns, TOPICS[type(effect)], run.store.encode(effect))

@@ -23,14 +23,13 @@ from hippomat_logs.lockstep import replay_in_daemon
 from hippomat_logs.manifest import core_hash, fingerprint
 from hippomat_logs.reader import Run
 from hippomat_logs.report import FAULT, LOSSY, NOT_RUN, OK, LevelResult, RunReport
-from hippomat_logs.schema import EFFECTS, EVENTS, TOPICS
+from hippomat_logs.schema import EFFECT_TOPICS, EVENT_TOPICS
 
 LEVELS = ("L0", "L1", "L2", "daemon", "L3")
 Progress = Callable[[str, int], None]  # (level, records done)
 PROGRESS_STEP = 1000
 _NO_BYTES = "a clip keeps the events that matter, no bytes and no drive"
-EFFECT_TOPICS = frozenset(TOPICS[kind] for kind in EFFECTS)
-FED_TOPICS = EFFECT_TOPICS | {TOPICS[kind] for kind in EVENTS}
+FED_TOPICS = EVENT_TOPICS | EFFECT_TOPICS
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,11 +146,7 @@ def _guarded(level: str, check: Callable[[], LevelResult]) -> LevelResult:
 
 
 def _decision_replay(run: Run) -> DecisionReplay:
-    started_ns = int(run.manifest.get("started_ns", "0"))
-    exact = same_fingerprint(run)
-    config, state = run.config, initial_state(run.config, run.policy or None)
-    offset_ns, compared_from = run.wall_offset_ns, run.compared_from
-    return DecisionReplay(config, state, run.store, exact, started_ns, offset_ns, compared_from)
+    return DecisionReplay(run, initial_state(run.config, run.policy or None), same_fingerprint(run))
 
 
 def same_fingerprint(run: Run) -> bool:

@@ -41,6 +41,8 @@ TOPICS: dict[type, str] = {
     ProcessRecord: "/hippo/process",
 }
 CLASSES: dict[str, type] = {topic: kind for kind, topic in TOPICS.items()}
+EVENT_TOPICS = frozenset(TOPICS[kind] for kind in EVENTS)
+EFFECT_TOPICS = frozenset(TOPICS[kind] for kind in EFFECTS)
 
 DERIVED: dict[str, str] = {
     "/scan": "sensor_msgs/msg/LaserScan",

@@ -29,11 +29,12 @@ from hippomat_logs.policy_files import policy_of
 from hippomat_sim.clock_errors import ClockError, draw_clock_errors
 from hippomat_sim.daemons import Daemon, DaemonOrder, describe_end, interrupt_all, kill_all
 from hippomat_sim.medium import StationCounts
-from hippomat_sim.run_preparation import prepared
-from hippomat_sim.run_settings import RunSettings
+from hippomat_sim.run_preparation import Prepared, prepared
+from hippomat_sim.run_settings import Carried, RunSettings
 from hippomat_sim.run_signals import Interrupts
 from hippomat_sim.simulation import Simulation
 from hippomat_sim.views import View
+from hippomat_sim.virtual_fleet import VirtualFleet
 from hippomat_sim.world import Contact
 from hippomat_sim.world_clock import WorldClock
 
@@ -75,7 +76,7 @@ class FleetRun:
     """Use once: FleetRun(settings, view).execute()."""
 
     def __init__(self, settings: RunSettings, view: View) -> None:
-        run = prepared(settings)
+        self._prepared = run = prepared(settings)
         self.settings = settings = run.settings
         self.config, self.grid, self.starts, self.toml = run.config, run.grid, run.starts, run.toml
         self.simulation = Simulation(run.setup, settings.out / "ports")
@@ -111,9 +112,6 @@ class FleetRun:
     def interrupted(self) -> int:
         """Signals so far."""
         return self._interrupts.count
-
-    def log_directory(self, robot: int) -> Path:
-        return self.settings.out / "logs" / f"robot{robot}"
 
     def _start(self) -> None:
         """Start the daemons and wait until all robots are on the air."""
@@ -155,7 +153,7 @@ class FleetRun:
             self.toml,
             self.settings.map_yaml.resolve(),
             (x_m, y_m, yaw_rad),
-            self.log_directory(robot) if self.settings.record_logs else None,
+            log_directory(self.settings, robot) if self.settings.record_logs else None,
             self._clock.path,
             self._clock_errors[robot],
         )
@@ -208,10 +206,7 @@ class FleetRun:
     def _advance(self, now_us: int) -> None:
         """The devices write what happened up to now_us; and people carry robots about."""
         self.simulation.advance(now_us)
-        while self._to_carry and now_us / 1e6 - self._began_s >= self._to_carry[0].at_s:
-            one = self._to_carry.pop(0)
-            self.simulation.carry(one.robot, one.pose)
-            self._view.note(f"robot {one.robot} was carried elsewhere")
+        carry_who_is_due(self._to_carry, now_us / 1e6 - self._began_s, self.simulation, self._view)
 
     def _move(self) -> int:
         """The world's time goes on, as far as the daemons that work have come [us]."""
@@ -239,35 +234,70 @@ class FleetRun:
         self._view.note(text)
 
     def _result(self, seconds: float) -> RunResult:
-        simulation = self.simulation
-        times = np.array([time_us for time_us, _, _ in simulation.truth], dtype=np.int64)
-        shape = (-1, self.settings.robots, 3)
-        poses = np.array([poses for _, poses, _ in simulation.truth]).reshape(shape)
-        result = RunResult(
-            self.settings.out,
-            self.settings.map_yaml,
-            self.grid,
-            self.config,
-            tuple(self.log_directory(robot) for robot in range(self.settings.robots)),
-            self.starts,
-            times,
-            poses,
-            self._clock.start_ns,
-            self._clock_errors,
-            seconds,
-            tuple(simulation.world.contacts),
-            tuple(simulation.medium.counts),
-            tuple(heard.served for heard in simulation.ear.robots),
-            tuple(self.troubles),
-            max(self._clock.real_s - self._now_s(), 0.0),
-            (time.process_time() - self._cpu_start_s) / max(self._clock.real_s, 1e-9),
+        return run_result(
+            self._prepared,
+            self.simulation,
+            start_monotonic_ns=self._clock.start_ns,
+            clock_errors=self._clock_errors,
+            seconds=seconds,
+            troubles=tuple(self.troubles),
+            slipped_s=max(self._clock.real_s - self._now_s(), 0.0),
+            busy=(time.process_time() - self._cpu_start_s) / max(self._clock.real_s, 1e-9),
         )
-        if self.settings.record_truth:
-            write_truth(result)
-        return result
 
 
-def write_truth(result: RunResult) -> None:
+def run_result(
+    run: Prepared,
+    fleet: VirtualFleet,
+    *,
+    start_monotonic_ns: int,
+    clock_errors: tuple[ClockError, ...],
+    seconds: float,
+    troubles: tuple[str, ...] = (),
+    slipped_s: float = 0.0,
+    busy: float,
+    real_s: float = 0.0,
+) -> RunResult:
+    """What the run left behind; truth.npz where that is wanted."""
+    settings = run.settings
+    result = RunResult(
+        out=settings.out,
+        map_yaml=settings.map_yaml,
+        grid=run.grid,
+        config=run.config,
+        logs=tuple(log_directory(settings, robot) for robot in range(settings.robots)),
+        start_poses=run.starts,
+        truth_us=np.array([time_us for time_us, _, _ in fleet.truth], dtype=np.int64),
+        truth=np.array([poses for _, poses, _ in fleet.truth]).reshape(-1, settings.robots, 3),
+        start_monotonic_ns=start_monotonic_ns,
+        clock_errors=clock_errors,
+        seconds=seconds,
+        contacts=tuple(fleet.world.contacts),
+        counts=tuple(fleet.medium.counts),
+        served=tuple(heard.served for heard in fleet.ear.robots),
+        troubles=troubles,
+        slipped_s=slipped_s,
+        busy=busy,
+        real_s=real_s,
+    )
+    if settings.record_truth:
+        _write_truth(result)
+    return result
+
+
+def log_directory(settings: RunSettings, robot: int) -> Path:
+    return settings.out / "logs" / f"robot{robot}"
+
+
+def carry_who_is_due(waiting: list[Carried], elapsed_s: float, fleet: VirtualFleet, view: View) -> None:
+    """waiting: by time; those whose time has come are put where they shall be, and taken out of it."""
+    while waiting and elapsed_s >= waiting[0].at_s:
+        one = waiting.pop(0)
+        fleet.carry(one.robot, one.pose)
+        view.note(f"robot {one.robot} was carried elsewhere")
+
+
+def _write_truth(result: RunResult) -> None:
     """truth.npz: what really happened, in the map frame, at 10 Hz.
 
     stamp_ns (T,) is the world's clock. Robot k's monotonic clock shows clock_ahead_ns[k] more, and gains

@@ -12,8 +12,6 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from hippomat_core.config import Config
 from hippomat_core.errors import ConfigError, HippomatError
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
@@ -22,7 +20,7 @@ from hippomat_logs.manifest import run_manifest
 from hippomat_logs.map_files import map_attachments
 from hippomat_logs.policy_files import naming, policy_name, policy_of
 from hippomat_sim.clock_errors import RIGHT
-from hippomat_sim.fleet_run import RunResult, write_truth
+from hippomat_sim.fleet_run import RunResult, carry_who_is_due, log_directory, run_result
 from hippomat_sim.lockstep_fleet import FIRST_US, WORLD_NS, Computer, LockstepFleet
 from hippomat_sim.lockstep_robot import Recording
 from hippomat_sim.run_preparation import Prepared, prepared
@@ -86,10 +84,7 @@ class LockstepRun:
         end_us, shown_s = FIRST_US + round(wanted_s * 1e6), -math.inf
         while fleet.now_us < end_us and not interrupts.count:
             fleet.advance(min(fleet.now_us + STEP_US, end_us))
-            while self._to_carry and (fleet.now_us - FIRST_US) / 1e6 >= self._to_carry[0].at_s:
-                one = self._to_carry.pop(0)
-                fleet.devices.carry(one.robot, one.pose)
-                self._view.note(f"robot {one.robot} was carried elsewhere")
+            carry_who_is_due(self._to_carry, (fleet.now_us - FIRST_US) / 1e6, fleet.devices, self._view)
             if (now_s := time.monotonic()) - shown_s >= _VIEW_PERIOD_S:
                 shown_s = now_s
                 self._view.show(fleet.now_us / 1e6, fleet.devices)
@@ -106,26 +101,28 @@ class LockstepRun:
         if not self._prepared.settings.record_logs:
             return NoRecords()
         run, robot = self._prepared, computer.config.robot.id
-        directory = run.settings.out / "logs" / f"robot{robot}"
+        directory = log_directory(run.settings, robot)
         try:
             return log_of(computer, run.grid, directory, stamp_ns, session_id(run, computer))
         except OSError as error:
             raise HippomatError(f"cannot record into {directory}: {error.strerror or error}") from None
 
     def _result(self, seconds: float) -> RunResult:
-        result = run_result(self._prepared, self.fleet, seconds, self._real_s, self._busy_s)
-        if self._prepared.settings.record_truth:
-            write_truth(result)
-        return result
+        robots = self._prepared.settings.robots
+        return run_result(
+            self._prepared,
+            self.fleet.devices,
+            start_monotonic_ns=WORLD_NS,
+            clock_errors=(RIGHT,) * robots,
+            seconds=seconds,
+            busy=self._busy_s / max(self._real_s, 1e-9),
+            real_s=self._real_s,
+        )
 
 
 def placed(config: Config, robot: int, start: tuple[float, float, float]) -> Config:
     """The fleet's configuration as that robot has it, which knows where it starts (map frame)."""
-    x_m, y_m, yaw_rad = start
-    own = replace(
-        config.robot, id=robot, start_x_m=x_m, start_y_m=y_m, start_yaw_rad=yaw_rad, start_known=True
-    )
-    return replace(config, robot=own)
+    return replace(config, robot=replace(config.robot, id=robot).starting_at(start))
 
 
 def session_id(run: Prepared, computer: Computer) -> str:
@@ -160,33 +157,4 @@ def log_of(
         stamp_ns=stamp_ns,
         policy=policy or b"",
         files=map_attachments(grid),
-    )
-
-
-def run_result(
-    run: Prepared, fleet: LockstepFleet, seconds: float, real_s: float, busy_s: float
-) -> RunResult:
-    """What the run left behind."""
-    settings, devices = run.settings, fleet.devices
-    times = np.array([time_us for time_us, _, _ in devices.truth], dtype=np.int64)
-    poses = np.array([poses for _, poses, _ in devices.truth]).reshape(-1, settings.robots, 3)
-    return RunResult(
-        settings.out,
-        settings.map_yaml,
-        run.grid,
-        run.config,
-        tuple(settings.out / "logs" / f"robot{robot}" for robot in range(settings.robots)),
-        run.starts,
-        times,
-        poses,
-        WORLD_NS,
-        (RIGHT,) * settings.robots,
-        seconds,
-        tuple(devices.world.contacts),
-        tuple(devices.medium.counts),
-        tuple(heard.served for heard in devices.ear.robots),
-        (),
-        0.0,
-        busy_s / max(real_s, 1e-9),
-        real_s,
     )

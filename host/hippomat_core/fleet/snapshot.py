@@ -16,7 +16,7 @@ from hippomat_core.allocation.port import Decision, Problem
 from hippomat_core.fleet.claims import Basis
 from hippomat_core.fleet.rows import HEARD_DIRECTLY, Row, own_row
 from hippomat_core.fleet.state import FleetState
-from hippomat_core.messages import RoundDecided
+from hippomat_core.messages import NEVER_HEARD_MS, RoundDecided
 from hippomat_core.wire.frames import (
     CLAIMED,
     NO_SLOT,
@@ -24,7 +24,7 @@ from hippomat_core.wire.frames import (
     WAITING,
 )
 
-_LATE_ROUNDS = 1.5  # rounds by our own count: a row older than this was not refreshed in its round
+LATE_ROUNDS = 1.5  # rounds by our own count: a row older than this was not refreshed in its round
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +36,7 @@ class Snapshot:
     digests_agree: NDArray[np.bool_]  # (N,) as far as the row says
     sequence: NDArray[np.uint32]  # (N,) this, boot and RSSI: of the frame that brought the row
     boot: NDArray[np.uint32]  # (N,)
-    age_ms: NDArray[np.uint16]  # (N,) 65535 = never heard
+    age_ms: NDArray[np.uint16]  # (N,) NEVER_HEARD_MS: never heard
     rssi_dbm: NDArray[np.int8]  # (N,)
     via: NDArray[np.uint8]  # (N,) who passed the row on; HEARD_DIRECTLY
     slot: NDArray[np.uint8]  # (N,) of the row's claim
@@ -82,7 +82,7 @@ def take_snapshot(fleet: FleetState, stamp_ns: int) -> Snapshot:
         round=fleet.clock.round,
         seed=fleet.config.seed,
     )
-    age_ms = np.minimum(ages_ns / 1e6, 65535).astype(np.uint16)
+    age_ms = np.minimum(ages_ns / 1e6, NEVER_HEARD_MS).astype(np.uint16)
     return Snapshot(problem, late, agree, sequence, boot, age_ms, rssi, via, slot)
 
 
@@ -97,7 +97,7 @@ def _is_late(fleet: FleetState, stamp_ns: int, row: Row) -> bool:
     """Whether the row is not of this round."""
     if fleet.clock.common:
         return row.round < fleet.clock.round
-    return stamp_ns - row.stamp_ns > _LATE_ROUNDS * fleet.timing.round_ns
+    return stamp_ns - row.stamp_ns > LATE_ROUNDS * fleet.timing.round_ns
 
 
 def live_claims(fleet: FleetState) -> NDArray[np.bool_]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.messages import MapReceived
+from hippomat_core.messages import MapDrawn, MapReceived
 
 
 def map_event(grid: OccupancyGrid, stamp_ns: int = 0, epoch: int = 0) -> MapReceived:
@@ -15,6 +15,6 @@ def map_event(grid: OccupancyGrid, stamp_ns: int = 0, epoch: int = 0) -> MapRece
     return MapReceived(stamp_ns, epoch, width, height, grid.resolution_m, *origin, cells)
 
 
-def grid_in(event: MapReceived) -> OccupancyGrid:
+def grid_in(event: MapReceived | MapDrawn) -> OccupancyGrid:
     cells = np.array(event.cells, np.int8).reshape(event.height, event.width)
     return OccupancyGrid(cells, event.resolution_m, event.origin_x_m, event.origin_y_m)

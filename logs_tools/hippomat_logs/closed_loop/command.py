@@ -20,10 +20,8 @@ from hippomat_logs.closed_loop.choice import Choice, other_choice
 from hippomat_logs.closed_loop.figures import (
     FEWEST_RERUNS,
     Distribution,
-    Figure,
     PairedDifference,
     Values,
-    as_json,
     distributions,
     paired_differences,
     values_of,
@@ -33,7 +31,10 @@ from hippomat_logs.closed_loop.plan import RECORDED, parse_air
 from hippomat_logs.closed_loop.recorded import Recording, read_recording
 from hippomat_logs.closed_loop.rerun import fleet_world, rerun_all
 from hippomat_logs.metrics import FleetMetrics, fleet_metrics, robot_metrics
+from hippomat_logs.metrics.as_json import plain
+from hippomat_logs.metrics.figures import Figure
 from hippomat_logs.metrics.fleet import Clocks
+from hippomat_logs.pictures import require_matplotlib
 from hippomat_logs.reader import Run
 from hippomat_logs.report import DIVERGED, REPRODUCED
 
@@ -60,16 +61,16 @@ class ClosedLoop:
             "radio": self.radio,
             "seeds": self.seeds,
             "allocator": self.allocator,
-            "recorded": as_json(self.recorded),
-            "reruns": [as_json(values) for values in self.reruns],
-            "percentiles": as_json({one.figure.key: one.percentile for one in self.distributions}),
+            "recorded": plain(self.recorded),
+            "reruns": plain(self.reruns),
+            "percentiles": plain({one.figure.key: one.percentile for one in self.distributions}),
             "whole_fleet": self.whole,
             "beyond_all_reruns": [figure.key for figure in self.beyond],
         }
         if self.other is not None:
             found["other"] = {
                 "allocator": self.other.text,
-                "reruns": [as_json(values) for values in self.others],
+                "reruns": plain(self.others),
                 "differences": {one.figure.key: _difference(one) for one in self.differences},
             }
         return found
@@ -83,7 +84,7 @@ class ClosedLoop:
 
 def _difference(one: PairedDifference) -> dict[str, Any]:
     numbers = {key: value for key, value in asdict(one).items() if isinstance(value, float)}
-    return {"pairs": one.pairs, **as_json(numbers), "distinguishable": one.distinguishable}
+    return {"pairs": one.pairs, **plain(numbers), "distinguishable": one.distinguishable}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -126,8 +127,6 @@ def run(runs: list[Run], options: argparse.Namespace, console: Console) -> int:
     if options.closed_loop:
         fleet_world()  # before minutes of reading
         if options.plots is not None:
-            from hippomat_logs.closed_loop.picture import require_matplotlib
-
             require_matplotlib()
     recording = read_recording(runs, air)
     other = None
@@ -194,14 +193,7 @@ def _report(recording: Recording, opened: OpenLoop | None, closed: ClosedLoop | 
         "notes": list(recording.notes),
     }
     if opened is not None:
-        found["open_loop"] = _without_nan(asdict(opened))
+        found["open_loop"] = plain(opened)
     if closed is not None:
         found["closed_loop"] = closed.as_json()
     return found
-
-
-def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
-    return {
-        key: _without_nan(value) if isinstance(value, dict) else None if value != value else value
-        for key, value in values.items()
-    }

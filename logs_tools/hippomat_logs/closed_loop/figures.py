@@ -7,7 +7,7 @@ among the re-runs; of paired differences the mean with a bootstrap interval (BCa
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap, percentileofscore
 
 from hippomat_logs.metrics import FleetMetrics
+from hippomat_logs.metrics.figures import Figure, mean, per_task
 
 Values = dict[str, float]  # by Figure.key
 CONFIDENCE = 0.95
@@ -23,32 +24,13 @@ FEWEST_PAIRS = 10  # of fewer, resampling makes intervals that are much too narr
 VARIES = 1e-9  # what varies by less is equal but for how sums are rounded
 
 
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """One number of a run; nan where the run has none."""
-
-    key: str
-    title: str
-    unit: str
-    digits: int
-    of: Callable[[FleetMetrics], float]
-
-
-def _cost_per_task_s(metrics: FleetMetrics) -> float:
-    return metrics.travel_cost_s / len(metrics.completed) if metrics.completed else math.nan
-
-
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values)) if len(values) else math.nan
-
-
 FIGURES = (
     Figure("completed", "tasks completed", "", 0, lambda metrics: float(len(metrics.completed))),
     Figure("travel_cost_s", "total travel cost", "s", 1, lambda metrics: metrics.travel_cost_s),
-    Figure("cost_per_task_s", "travel cost per task", "s", 2, _cost_per_task_s),
+    Figure("cost_per_task_s", "travel cost per task", "s", 2, per_task(lambda one: one.travel_cost_s)),
     Figure("conflicts", "conflicts", "", 0, lambda metrics: float(sum(metrics.conflicts.values()))),
     Figure("cf1", "conflict-free rate CF1", "", 3, lambda metrics: metrics.conflict_free_rate),
-    Figure("allocation_s", "allocation time, mean", "s", 2, lambda metrics: _mean(metrics.allocation_s)),
+    Figure("allocation_s", "allocation time, mean", "s", 2, lambda metrics: mean(metrics.allocation_s)),
     Figure("driven_m", "way driven", "m", 1, lambda metrics: metrics.driven_m),
 )
 
@@ -144,8 +126,3 @@ def mean_interval(values: NDArray[np.float64]) -> tuple[float, float]:
     found = bootstrap((values,), np.mean, confidence_level=CONFIDENCE, rng=np.random.default_rng(1))
     low, high = found.confidence_interval
     return float(low), float(high)
-
-
-def as_json(values: Mapping[str, float]) -> dict[str, float | None]:
-    """JSON knows no nan."""
-    return {key: None if math.isnan(value) else value for key, value in values.items()}

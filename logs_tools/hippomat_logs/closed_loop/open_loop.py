@@ -19,16 +19,14 @@ from numpy.typing import NDArray
 
 from hippomat_core import messages as m
 from hippomat_core.allocation.port import Allocator, Decision, Problem
-from hippomat_core.allocation.quantise import dequantise
 from hippomat_core.errors import HippomatError
 from hippomat_core.step import initial_state, step
 from hippomat_logs.closed_loop.choice import Choice
+from hippomat_logs.definitions import Task, cost_s
 from hippomat_logs.each_file import WORTH_A_PROCESS_BYTES, each_item
 from hippomat_logs.manifest import recorded_threads
 from hippomat_logs.reader import Run, open_again
 from hippomat_logs.schema import EVENTS
-
-Task = tuple[int, int]  # slot, generation
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,8 +158,8 @@ def _asked(watched: Watched, decided: m.RoundDecided, c_max_s: float) -> Asked:
         if action == 0:
             return None
         slot = action - 1
-        code = problem.costs_q[problem.self_index, slot : slot + 1]
-        return Wish((slot, int(decided.generations[slot])), float(dequantise(code, c_max_s)[0]))
+        code = int(problem.costs_q[problem.self_index, slot])
+        return Wish((slot, int(decided.generations[slot])), cost_s(code, c_max_s))
 
     return Asked(decided.round, *(wish(action) for action in watched.answers))
 

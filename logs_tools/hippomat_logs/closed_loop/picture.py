@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hippomat_core.errors import HippomatError
-from hippomat_logs.closed_loop.figures import Distribution, Figure, PairedDifference
+from hippomat_logs.closed_loop.figures import Distribution, PairedDifference
+from hippomat_logs.metrics.figures import Figure
+from hippomat_logs.pictures import new_figure
 
 if TYPE_CHECKING:
     from hippomat_logs.closed_loop.command import ClosedLoop
@@ -19,15 +19,8 @@ COLUMNS = 4
 _RERUNS, _OTHER, _RECORDED = "#4c78a8", "#f58518", "#d62728"
 
 
-def require_matplotlib() -> None:
-    """HippomatError with the command that installs it."""
-    if importlib.util.find_spec("matplotlib") is None:
-        raise HippomatError("--plots needs matplotlib: pip install 'hippomat[viz]'")
-
-
 def draw(found: ClosedLoop, directory: Path) -> list[Path]:
     """closed_loop.png, and differences.png where there are pairs; the directory is made if missing."""
-    require_matplotlib()
     directory.mkdir(parents=True, exist_ok=True)
     others = [[values[one.figure.key] for values in found.others] for one in found.distributions]
     paths = [directory / "closed_loop.png"]
@@ -45,12 +38,8 @@ def draw(found: ClosedLoop, directory: Path) -> list[Path]:
 
 
 def _grid(count: int) -> tuple[Any, list[Any]]:
-    from matplotlib.figure import (
-        Figure as Picture,
-    )  # no pyplot: it would keep every picture, and wants a screen
-
     rows = math.ceil((count + 1) / COLUMNS)  # one place for the legend
-    picture = Picture(figsize=(3.1 * COLUMNS, 2.6 * rows), layout="constrained")
+    picture = new_figure((3.1 * COLUMNS, 2.6 * rows), layout="constrained")
     return picture, list(np.ravel(picture.subplots(rows, COLUMNS)))
 
 
@@ -70,14 +59,14 @@ def _distribution(axis: Any, one: Distribution, name: str, other: list[float], o
         everything = np.append(everything, one.recorded)
     if not len(everything):
         axis.text(0.5, 0.5, "nothing", ha="center", transform=axis.transAxes)
-        axis.set_title(one.figure.title, fontsize=10)
+        axis.set_title(one.figure.label, fontsize=10)
         return
     edges = _edges(everything, one.figure)
     for values, label, colour in drawn:
         axis.hist(values, edges, color=colour, alpha=0.65, label=f"re-runs, {label}")
     if not math.isnan(one.recorded):
         axis.axvline(one.recorded, color=_RECORDED, lw=2, label="recorded")
-    axis.set_title(one.figure.title, fontsize=10)
+    axis.set_title(one.figure.label, fontsize=10)
     axis.set_xlabel(one.figure.unit or "", fontsize=9)
     axis.set_ylabel("re-runs", fontsize=9)
     axis.yaxis.get_major_locator().set_params(integer=True)
@@ -115,7 +104,7 @@ def _difference(axis: Any, one: PairedDifference, values: np.ndarray[Any, np.dty
     axis.plot(values, np.arange(1, len(values) + 1), "o", ms=3.5, color=_OTHER, label="one seed's difference")
     if not math.isnan(one.low):
         axis.axvspan(one.low, one.high, color=_RERUNS, alpha=0.35, label="mean, 95 % interval")
-    axis.set_title(one.figure.title, fontsize=10)
+    axis.set_title(one.figure.label, fontsize=10)
     axis.set_xlabel(one.figure.unit or "", fontsize=9)
     axis.set_yticks([])
     axis.xaxis.get_major_locator().set_params(nbins=5)

@@ -13,23 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core import messages as m
-from hippomat_core.config import Config, RobotConfig, RosConfig
+from hippomat_core.config import Config, RosConfig
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_core.fleet.claims import serves_alone
 from hippomat_core.maps.map_event import grid_in
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.wire.frames import RELAY, STATE, STOP, TASKS
 from hippomat_logs.alignment import Alignment, align_runs
 from hippomat_logs.closed_loop.plan import RECORDED, Air, FleetPlan, Pose, RobotPlan, SenderDeliveries
-from hippomat_logs.column_table import NUMBER, table_of
 from hippomat_logs.radio_traffic import Traffic, traffic_of
 from hippomat_logs.reader import Run
-from hippomat_logs.schema import TOPICS, type_name
 
 PAUSE_NS = 500_000_000  # between ticks, which come every 50 ms: worth a note
 
 Keys = NDArray[np.uint64]
-_HEARD_KINDS = {m.StateHeard: STATE, m.RelayHeard: RELAY, m.TasksHeard: TASKS, m.StopHeard: STOP}
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,14 +153,9 @@ def _plan(seen: _Seen, begins_s: float, ends_s: float) -> RobotPlan:
         )
     config = replace(seen.config, ros=RosConfig())
     if seen.config.ros.localizes:  # ROS told it where it was; again its first place does
-        config = replace(config, robot=_starting_at(config.robot, seen.start))
+        config = replace(config, robot=config.robot.starting_at(seen.start))
     first_tick_s = max(0, seen.tick_ns - seen.first_ns) / 1e9
     return RobotPlan(config, seen.run.policy or None, seen.start, begins_s, ends_s, first_tick_s)
-
-
-def _starting_at(robot: RobotConfig, start: Pose) -> RobotConfig:
-    x_m, y_m, yaw_rad = start
-    return replace(robot, start_x_m=x_m, start_y_m=y_m, start_yaw_rad=yaw_rad, start_known=True)
 
 
 def _note_who_is_missing(plan: FleetPlan, notes: list[str]) -> None:
@@ -235,14 +226,14 @@ def _of_sender(
 ) -> SenderDeliveries:
     sent = traffic[run.robot].sent
     keys, times_ns = sent.keys, alignment.common_ns_array(run, sent.air_ns)
-    kinds = _kinds_sent(run, sent.numbers)
+    kinds = sent.kinds
     for other in runs:  # what the sender's own log does not have
         frames = traffic[other.robot].heard
         new = ((frames.keys >> np.uint64(56)) == run.robot) & ~np.isin(frames.keys, keys)
         if new.any():
             keys = np.concatenate([keys, frames.keys[new]])
             times_ns = np.concatenate([times_ns, alignment.common_ns_array(other, frames.air_ns[new])])
-            kinds = np.concatenate([kinds, _kinds_heard(other, frames.numbers[new])])
+            kinds = np.concatenate([kinds, frames.kinds[new]])
     keys, first = np.unique(keys, return_index=True)
     order = np.argsort(times_ns[first], kind="stable")
     keys, first = keys[order], first[order]
@@ -250,25 +241,3 @@ def _of_sender(
     for receiver, known in heard.items():
         table[:, receiver] = np.isin(keys, known)
     return SenderDeliveries((times_ns[first] - origin_ns) // 1000, kinds[first], table)
-
-
-def _kinds_sent(run: Run, numbers: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """(n,) frame kinds of the FrameSent records with these numbers."""
-    topic = TOPICS[m.FrameSent]
-    times, found, payloads = list[int](), list[int](), list[bytes]()
-    for raw in run.raw_messages({topic}):
-        times.append(raw.log_time_ns)
-        found.append(raw.number)
-        payloads.append(raw.data)
-    if not found:
-        return np.empty(0, np.uint8)
-    table = table_of(topic, run.store.fields(type_name(m.FrameSent)), times, found, payloads)
-    kinds: NDArray[np.uint8] = table["kind"][np.searchsorted(table[NUMBER], numbers)].astype(np.uint8)
-    return kinds
-
-
-def _kinds_heard(run: Run, numbers: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """(n,) of records of heard frames."""
-    of_topic = {TOPICS[record]: kind for record, kind in _HEARD_KINDS.items()}
-    found = {raw.number: of_topic[raw.topic] for raw in run.raw_messages(of_topic)}
-    return np.array([found[number] for number in numbers.tolist()], np.uint8)

@@ -13,10 +13,10 @@ from hippomat_logs.closed_loop.figures import (
     FEWEST_PAIRS,
     FEWEST_RERUNS,
     Distribution,
-    Figure,
     PairedDifference,
 )
 from hippomat_logs.closed_loop.open_loop import OpenLoop
+from hippomat_logs.metrics.figures import Figure
 
 if TYPE_CHECKING:
     from hippomat_logs.closed_loop.command import ClosedLoop
@@ -68,7 +68,7 @@ def closed(found: ClosedLoop, console: Console) -> None:
     console.print("percentile: share of the re-runs below the recorded value, ties half")
     if count < FEWEST_RERUNS:
         console.print(f"level L4 judges by {FEWEST_RERUNS} re-runs or more: --seeds {FEWEST_RERUNS}")
-    beyond = [figure.title for figure in found.beyond]
+    beyond = [figure.label for figure in found.beyond]
     if beyond:
         verb = "lies" if len(beyond) == 1 else "lie"
         console.print(f"beyond all re-runs {verb} the recorded: {', '.join(beyond)}", markup=False)
@@ -111,14 +111,14 @@ def verdicts(differences: Sequence[PairedDifference], recorded: str, other: str)
         more = "higher" if one.difference > 0 else "lower"
         by = _number(abs(one.difference), max(one.figure.digits, 1))
         unit = f" {one.figure.unit}" if one.figure.unit else ""
-        lines.append(f"{one.figure.title}: {other} is {more} by {by}{unit} than {recorded}")
+        lines.append(f"{one.figure.label}: {other} is {more} by {by}{unit} than {recorded}")
     compared = [one for one in differences if one.pairs]
-    same = [one.figure.title for one in compared if one.low == one.high == 0.0]
+    same = [one.figure.label for one in compared if one.low == one.high == 0.0]
     if same and len(same) == len(compared):
         return [f"{other} and {recorded} differ in nothing, seed by seed"]
     if same:
         lines.append(f"equal, seed by seed: {', '.join(same)}")
-    unclear = [one.figure.title for one in compared if one.low <= 0.0 <= one.high and one.low < one.high]
+    unclear = [one.figure.label for one in compared if one.low <= 0.0 <= one.high and one.low < one.high]
     if unclear:
         lines.append(f"not distinguishable with so many seeds: {', '.join(unclear)}")
     if any(0 < one.pairs < FEWEST_PAIRS for one in differences):
@@ -136,7 +136,7 @@ def _table(*columns: tuple[str, str]) -> Table:
 
 
 def _title(figure: Figure) -> str:
-    return f"{figure.title} ({figure.unit})" if figure.unit else figure.title
+    return f"{figure.label} ({figure.unit})" if figure.unit else figure.label
 
 
 def _place(one: Distribution, found: ClosedLoop) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import math
 from collections import Counter
@@ -13,7 +12,6 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from hippomat_core.errors import HippomatError
 from hippomat_logs.fleet_story.causes import CAUSES
 from hippomat_logs.fleet_story.conflicts import (
     DOUBLY_CONFIRMED,
@@ -27,11 +25,12 @@ from hippomat_logs.fleet_story.conflicts import (
     promise_holds,
 )
 from hippomat_logs.fleet_story.story import FleetStory, fleet_story
+from hippomat_logs.metrics.as_json import plain
 from hippomat_logs.paragraphs import say
+from hippomat_logs.pictures import refuse_no_picture
 from hippomat_logs.reader import open_runs
 from hippomat_logs.report import DAMAGED, DIVERGED, REPRODUCED
 
-PICTURES = (".png", ".pdf", ".svg")
 SHOWN = 20
 
 
@@ -51,8 +50,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    if options.out is not None and options.out.suffix.lower() not in PICTURES:
-        raise HippomatError(f"{options.out}: give a name that ends in {', '.join(PICTURES)}")
+    if options.out is not None:
+        refuse_no_picture(options.out)
     story = fleet_story(open_runs(options.paths))
     conflicts = conflicts_in(story)
     if options.json:
@@ -82,27 +81,17 @@ def as_json(story: FleetStory, conflicts: list[Conflict]) -> dict[str, Any]:
         "without_log": story.missing,
         "requests": len(story.claims),
         "requested_tasks": len({claim.task for claim in story.claims}),
-        "conflict_free_rate": finite(conflict_free_rate(story.claims)),
+        "conflict_free_rate": plain(conflict_free_rate(story.claims)),
         "by_cause": {cause: count for cause, count in _by_cause(conflicts).items() if count},
         "by_kind": {kind: sum(one.kind == kind for one in conflicts) for kind in KINDS},
         "price_s": price(conflicts)[0],
         "price_m": price(conflicts)[1],
         "misjudged": sum(one.misjudged for one in conflicts),
         "promise_broken": bool(broken(story, conflicts)),
-        "conflicts": [finite(dataclasses.asdict(one)) for one in conflicts],
-        "one_sided": [dataclasses.asdict(one) for one in one_sided(story)],
+        "conflicts": plain(conflicts),
+        "one_sided": plain(one_sided(story)),
         "lost": story.lost,
     }
-
-
-def finite(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {name: finite(one) for name, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(one) for one in value]
-    return value
 
 
 def _by_cause(conflicts: list[Conflict]) -> dict[str, int]:

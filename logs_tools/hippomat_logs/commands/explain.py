@@ -15,14 +15,16 @@ from rich.console import Console
 
 from hippomat_core import messages as m
 from hippomat_core.errors import HippomatError
-from hippomat_logs.commands.conflicts import finite, say_what_is_missing
+from hippomat_logs.commands.conflicts import say_what_is_missing
+from hippomat_logs.definitions import Task
 from hippomat_logs.explained_decision import show_decision
 from hippomat_logs.explained_task import show_task
 from hippomat_logs.fleet_story.decision_view import decision_view
 from hippomat_logs.fleet_story.reading import Keep
 from hippomat_logs.fleet_story.story import FleetStory, fleet_story
-from hippomat_logs.fleet_story.task_life import task_life
-from hippomat_logs.fleet_story.values import Decision, Task
+from hippomat_logs.fleet_story.task_life import task_lives
+from hippomat_logs.fleet_story.values import Decision
+from hippomat_logs.metrics.as_json import plain
 from hippomat_logs.paragraphs import say
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.report import DAMAGED, REPRODUCED
@@ -76,7 +78,7 @@ def _explain_task(options: argparse.Namespace, runs: list[Run], console: Console
     elif which != ALL:
         tasks = [_named(tasks, int(which))]
     story = fleet_story(runs) if which == ALL else fleet_story(runs, keep=_of_task(*tasks[0]))
-    lives = [task_life(story, task) for task in tasks]
+    lives = task_lives(story, tasks)
     if options.json:
         _print_json(story, {"tasks": [dataclasses.asdict(life) for life in lives]})
         return story
@@ -89,7 +91,7 @@ def _explain_task(options: argparse.Namespace, runs: list[Run], console: Console
 
 
 def _print_json(story: FleetStory, facts: dict[str, Any]) -> None:
-    print(json.dumps(finite({**facts, "without_log": story.missing, "lost": story.lost}), indent=2))
+    print(json.dumps(plain({**facts, "without_log": story.missing, "lost": story.lost}), indent=2))
 
 
 def _tasks_in(runs: list[Run]) -> tuple[set[Task], set[Task]]:

@@ -15,7 +15,7 @@ from hippomat_logs.causal_order import Held
 from hippomat_logs.each_file import progress_bar
 from hippomat_logs.fusing import fuse
 from hippomat_logs.log_writer import refuse_existing
-from hippomat_logs.quick_look import PICTURES, pyplot
+from hippomat_logs.pictures import refuse_no_picture, require_matplotlib
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.report import DAMAGED, REPRODUCED
 
@@ -42,9 +42,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
             raise HippomatError(f"{options.out}: give a name that ends in .mcap")
         refuse_existing(options.out)
     if options.plot is not None:
-        if options.plot.suffix.lower() not in PICTURES:
-            raise HippomatError(f"{options.plot}: give a name that ends in {', '.join(PICTURES)}")
-        pyplot()  # before long work: is it installed?
+        refuse_no_picture(options.plot)
+        require_matplotlib()
     with progress_bar() as bar:
         task = bar.add_task("opening", total=None)
         runs = open_runs(options.paths)

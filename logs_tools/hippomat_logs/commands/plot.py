@@ -9,7 +9,8 @@ from rich.console import Console
 
 from hippomat_core.errors import HippomatError
 from hippomat_logs.opened_run import group_runs
-from hippomat_logs.quick_look import PICTURES, draw
+from hippomat_logs.pictures import PICTURES
+from hippomat_logs.quick_look import draw
 from hippomat_logs.report import REPRODUCED
 
 

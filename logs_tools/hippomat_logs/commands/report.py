@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from hippomat_core.errors import HippomatError
+from hippomat_logs.log_writer import refuse_nowhere
 from hippomat_logs.part import package_version
 from hippomat_logs.report import DAMAGED, REPRODUCED
 from hippomat_logs.report_html.building import build
@@ -34,8 +35,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     out: Path = options.out
     if out.suffix.lower() not in (".html", ".htm"):
         raise HippomatError(f"{out}: give a name that ends in .html")
-    if not out.parent.is_dir():
-        raise HippomatError(f"{out}: there is no directory {out.parent}")
+    refuse_nowhere(out)
     needs_bokeh()
     data, whole = build(options.paths, options.trust_clocks)
     text = render(data, package_version())

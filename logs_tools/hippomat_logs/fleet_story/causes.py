@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hippomat_core.messages import NEVER_HEARD_MS
 from hippomat_logs.fleet_story.rerun import Rerun, newest_of_both
 from hippomat_logs.fleet_story.story import FleetStory
 from hippomat_logs.fleet_story.values import Claim, Decision
@@ -93,7 +94,7 @@ def _frames(sent: list[tuple[int, int]]) -> str:
 
 def _row_held(seen: Decision, robot: int) -> str:
     number, age_ms = int(seen.row_round[robot]), int(seen.decided.row_age_ms[robot])
-    if age_ms == 65535 and number < 0:
+    if age_ms == NEVER_HEARD_MS and number < 0:
         return f"robot {seen.robot} had never heard robot {robot}"
     of = f"of round {number}, " if number >= 0 else ""
     return f"robot {seen.robot} held a row of robot {robot} {of}{age_ms} ms old"

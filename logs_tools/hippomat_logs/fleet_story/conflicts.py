@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import TypeAlias
 
-import numpy as np
-
-from hippomat_core.allocation.quantise import dequantise
 from hippomat_core.fleet.claims import serves_alone
+from hippomat_logs import definitions
+from hippomat_logs.definitions import Task, cost_s
 from hippomat_logs.fleet_story.causes import cause_of
 from hippomat_logs.fleet_story.rerun import Rerun
 from hippomat_logs.fleet_story.story import FleetStory, fleet_story
-from hippomat_logs.fleet_story.values import Claim, Moment, Task
+from hippomat_logs.fleet_story.values import Claim, Moment
 from hippomat_logs.reader import Run
 
 Pair: TypeAlias = tuple[Claim, Claim]  # in the order of (round of the request, robot)
@@ -157,11 +156,8 @@ def one_sided(story: FleetStory) -> list[OneSided]:
 
 
 def conflict_free_rate(claims: Iterable[Claim]) -> float:
-    """CF1 of the paper: the share of requested tasks that exactly one robot requested; nan without any."""
-    robots: dict[Task, set[int]] = {}
-    for claim in claims:
-        robots.setdefault(claim.task, set()).add(claim.robot)
-    return sum(len(who) == 1 for who in robots.values()) / len(robots) if robots else float("nan")
+    """CF1 of the paper, of these claims."""
+    return definitions.conflict_free_rate((claim.robot, claim.task) for claim in claims)
 
 
 def price(conflicts: Iterable[Conflict]) -> tuple[float, float]:
@@ -186,7 +182,7 @@ def _conflict(story: FleetStory, rerun: Rerun, earlier: Claim, later: Claim) -> 
         robots=(earlier.robot, later.robot),
         requested=(earlier.requested.round, later.requested.round),
         codes=(earlier.code, later.code),
-        costs_s=(cost_s(story, earlier.code), cost_s(story, later.code)),
+        costs_s=(cost_s(earlier.code, story.c_max_s), cost_s(later.code, story.c_max_s)),
         begun=later.requested,
         cause=cause.name,
         evidence=cause.evidence,
@@ -196,13 +192,6 @@ def _conflict(story: FleetStory, rerun: Rerun, earlier: Claim, later: Claim) -> 
         rounds=_rounds_together(story, earlier, later),
         given_up=tuple(_given_up(claim) for claim in losers),
     )
-
-
-def cost_s(story: FleetStory, code: int) -> float:
-    """Travel cost out of its code; nan where c_max is unknown, inf where unreachable."""
-    if not story.c_max_s:
-        return float("nan")
-    return float(dequantise(np.array([code], np.uint8), story.c_max_s)[0])
 
 
 def _kind(earlier: Claim, later: Claim) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.fleet.rows import HEARD_DIRECTLY, is_available
+from hippomat_core.messages import NEVER_HEARD_MS
 from hippomat_core.wire.frames import (
     CLAIMED,
     DONE,
@@ -23,14 +24,13 @@ from hippomat_core.wire.frames import (
     WAITING,
     StateFrame,
 )
+from hippomat_logs.definitions import Task, cost_s
 from hippomat_logs.fleet_story.causes import missing_row
-from hippomat_logs.fleet_story.conflicts import cost_s
 from hippomat_logs.fleet_story.rerun import Rerun, with_fresh_rows
 from hippomat_logs.fleet_story.story import FleetStory
-from hippomat_logs.fleet_story.values import Decision, Task
+from hippomat_logs.fleet_story.values import Decision
 
 BEST = 3  # tasks named per row
-NEVER_MS = 65_535
 STATES = {INACTIVE: "inactive", WAITING: "waiting", CLAIMED: "claimed", DONE: "done"}
 
 
@@ -159,7 +159,7 @@ def _task(seen: Decision, action: int) -> Task | None:
 def _row(story: FleetStory, seen: Decision, robot: int, said: StateFrame | None) -> RowView:
     decided, is_own = seen.decided, robot == seen.robot
     age_ms, number = int(decided.row_age_ms[robot]), int(seen.row_round[robot])
-    never = not is_own and age_ms == NEVER_MS and number < 0
+    never = not is_own and age_ms == NEVER_HEARD_MS and number < 0
     stale = not is_own and number < seen.at.round
     costs = np.where(seen.waiting, seen.costs[robot], UNREACHABLE)
     best = [int(slot) for slot in np.argsort(costs, kind="stable")[:BEST] if costs[slot] != UNREACHABLE]
@@ -215,7 +215,7 @@ def cost_text(story: FleetStory, code: int) -> str:
     """Seconds; the bare code where c_max is unknown."""
     if code == UNREACHABLE:
         return "unreachable"
-    seconds = cost_s(story, code)
+    seconds = cost_s(code, story.c_max_s)
     return f"code {code}" if np.isnan(seconds) else f"{seconds:.1f} s"
 
 
@@ -232,7 +232,9 @@ def _choices(story: FleetStory, seen: Decision) -> list[Choice]:
         if state == "waiting" and not seen.settled[slot]:
             state = "new"
         logit = _finite(logits[slot + 1]) if len(logits) else None
-        made.append(Choice(slot, int(decided.generations[slot]), state, code, cost_s(story, code), logit))
+        made.append(
+            Choice(slot, int(decided.generations[slot]), state, code, cost_s(code, story.c_max_s), logit)
+        )
     return sorted(made, key=_rank)
 
 

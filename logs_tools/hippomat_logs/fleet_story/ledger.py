@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from hippomat_core import messages as m
 from hippomat_core.fleet.rows import HEARD_DIRECTLY
 from hippomat_core.wire.frames import NO_SLOT, AirClaim, RelayRow
-from hippomat_logs.fleet_story.values import NO_ROUND, Task
+from hippomat_logs.definitions import Task
+from hippomat_logs.fleet_story.values import NO_ROUND
 
 _REMEMBERED_ROUNDS = 64  # a row held for longer is of no known round
 _NEVER = -(10**18)

@@ -17,8 +17,9 @@ from hippomat_core.config import Config
 from hippomat_core.control.recovery import FREE
 from hippomat_core.fleet.timing import Timing
 from hippomat_core.wire.frames import NO_SLOT, STATE, StateFrame
+from hippomat_logs.definitions import Task
 from hippomat_logs.fleet_story.ledger import Ledger
-from hippomat_logs.fleet_story.values import NO_ROUND, Claim, Decision, Moment, RobotStory, Task
+from hippomat_logs.fleet_story.values import NO_ROUND, Claim, Decision, Moment, RobotStory
 from hippomat_logs.reader import Record
 
 _LONG_AGO = -(10**18)

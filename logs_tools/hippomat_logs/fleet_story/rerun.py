@@ -24,9 +24,10 @@ from hippomat_core.wire.frames import (
 )
 from hippomat_logs.fleet_story.story import FleetStory
 from hippomat_logs.fleet_story.values import Decision
+from hippomat_logs.level2 import LOGITS_TOLERANCE
 
-LOGIT_TOLERANCE = 1e-5
-_ASKED = ("requested", "no task for this robot", "endorses another claim there")
+BOUND = "endorses another claim there"
+_ASKED = ("requested", "no task for this robot", BOUND)
 
 
 def problem_of(seen: Decision, seed: int) -> Problem:
@@ -66,7 +67,7 @@ class Rerun:
         if not _alike(again.logits, np.asarray(seen.decided.logits)):
             return "on the recorded rows this machine computes other logits: see hippomat-replay"
         taken = seen.decided.action
-        if again.action != taken and (taken or seen.decided.reason != _ASKED[2]):
+        if again.action != taken and (taken or seen.decided.reason != BOUND):
             return "on the recorded rows the allocator acts otherwise: see hippomat-replay"
         return ""
 
@@ -88,7 +89,7 @@ class Rerun:
 
 def _alike(ours: NDArray[np.float32], recorded: NDArray[np.float32]) -> bool:
     """As level L2 has it for another machine."""
-    return ours.shape == recorded.shape and bool(np.allclose(ours, recorded, rtol=0.0, atol=LOGIT_TOLERANCE))
+    return ours.shape == recorded.shape and bool(np.allclose(ours, recorded, rtol=0.0, atol=LOGITS_TOLERANCE))
 
 
 def newest_of_both(first: Decision, second: Decision, seed: int) -> Problem:

@@ -14,8 +14,7 @@ from itertools import pairwise
 from hippomat_core import messages as m
 from hippomat_core.config import Config
 from hippomat_core.errors import HippomatError, MapError
-from hippomat_core.maps.map_event import grid_in
-from hippomat_core.planning.ground import ground_of
+from hippomat_logs.definitions import c_max_s
 from hippomat_logs.each_file import progress_bar
 from hippomat_logs.fleet_story.reading import KINDS, Keep, RobotReading, requests_only
 from hippomat_logs.fleet_story.values import NO_ROUND, Claim, RobotStory
@@ -63,7 +62,6 @@ def fleet_story(
     runs: Sequence[Run],
     keep: Keep = requests_only,
     said_in: Sequence[int] = (),
-    needs_costs: bool = True,
 ) -> FleetStory:
     """Reads every log once. Raises HippomatError where they are not of one fleet run.
 
@@ -85,8 +83,7 @@ def fleet_story(
             parts = [_read(run, keep, said_in, advance) for run in several]
             stories[robot] = _joined(parts, several)
     story = FleetStory(stories, by_robot, size, slots, observers)
-    if needs_costs:
-        story.c_max_s = _c_max_s(story)
+    story.c_max_s = _c_max_s(story)
     return story
 
 
@@ -155,7 +152,7 @@ def _c_max_s(story: FleetStory) -> float:
 
 def _of_map(event: m.MapReceived, config: Config) -> float:
     try:
-        return ground_of(grid_in(event), event.epoch, config).c_max_s
+        return c_max_s(config, event)
     except MapError:
         return 0.0
 

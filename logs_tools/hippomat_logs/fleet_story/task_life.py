@@ -5,20 +5,22 @@ Times are fleet time, counted in rounds: the same for all robots, and no clock i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from hippomat_core.fleet.rows import HEARD_DIRECTLY
 from hippomat_core.wire.frames import UNREACHABLE
+from hippomat_logs.definitions import Task
 from hippomat_logs.fleet_story.causes import missing_row
 from hippomat_logs.fleet_story.conflicts import Conflict, conflicts_in
 from hippomat_logs.fleet_story.decision_view import margin, runner_up
-from hippomat_logs.fleet_story.rerun import Rerun
+from hippomat_logs.fleet_story.rerun import BOUND, Rerun
 from hippomat_logs.fleet_story.story import FleetStory
-from hippomat_logs.fleet_story.values import Claim, Decision, Task
+from hippomat_logs.fleet_story.values import Claim, Decision
 
 MOST_ROUNDS = 8  # of costs shown
-BOUND = "endorses another claim there"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +82,19 @@ class TaskLife:
     replaced: int | None  # round in which the slot's next generation was first known
 
 
-def task_life(story: FleetStory, task: Task) -> TaskLife:
+def task_lives(story: FleetStory, tasks: Sequence[Task]) -> list[TaskLife]:
     """story: its decisions may hold more than requests; costs are known only in those."""
+    conflicts = conflicts_in(story)
+    return [_life(story, task, [one for one in conflicts if one.task == task]) for task in tasks]
+
+
+def task_life(story: FleetStory, task: Task) -> TaskLife:
+    """Of one task."""
+    (life,) = task_lives(story, [task])
+    return life
+
+
+def _life(story: FleetStory, task: Task, conflicts: Sequence[Conflict]) -> TaskLife:
     turned = [
         (told.robot, at, turn)
         for told in story.robots.values()
@@ -108,7 +121,7 @@ def task_life(story: FleetStory, task: Task) -> TaskLife:
         costs=tuple(_costs(story, task, [claim.requested.round for claim in claims])),
         requests=tuple(_request(story, claim) for claim in claims),
         bound=tuple(_bound(story, task)),
-        conflicts=tuple(one for one in conflicts_in(story) if one.task == task),
+        conflicts=tuple(conflicts),
         heard_of=tuple(_heard_of(story, task)),
         replaced=min(next_known, default=None),
     )
@@ -186,7 +199,7 @@ def inputs_text(seen: Decision) -> str:
     """How the rows of a decision came, in one line."""
     others = np.arange(len(seen.row_round)) != seen.robot
     fresh = others & ~seen.late
-    relayed = fresh & (np.asarray(seen.decided.row_via) != 255)
+    relayed = fresh & (np.asarray(seen.decided.row_via) != HEARD_DIRECTLY)
     stale, never = others & seen.late & (seen.row_round >= 0), others & (seen.row_round < 0)
     direct = int((fresh & ~relayed).sum())
     parts = [f"{direct} row{'' if direct == 1 else 's'} heard directly", f"{int(relayed.sum())} relayed"]

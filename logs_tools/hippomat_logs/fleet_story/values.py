@@ -7,15 +7,14 @@ each robot's own. Knows no files and draws no conclusions.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core import messages as m
 from hippomat_core.wire.frames import WAITING, StateFrame
+from hippomat_logs.definitions import Task
 
-Task: TypeAlias = tuple[int, int]  # slot, generation
 NO_ROUND = -1  # a row never heard, or of a frame that is not in the log
 
 

@@ -4,11 +4,12 @@
 defines every figure.
 """
 
+from hippomat_logs.definitions import Task
 from hippomat_logs.metrics.fleet import FleetMetrics, clocks_of, fleet_metrics, robot_metrics, run_metrics
 from hippomat_logs.metrics.latency import LatencyMetrics
 from hippomat_logs.metrics.links import LinkMetrics
 from hippomat_logs.metrics.machines import ComputerMetrics
-from hippomat_logs.metrics.robot import KINDS, Completed, MetricsReading, RobotMetrics, Task
+from hippomat_logs.metrics.robot import KINDS, Completed, MetricsReading, RobotMetrics
 from hippomat_logs.metrics.samples import Samples, quantiles
 
 __all__ = [

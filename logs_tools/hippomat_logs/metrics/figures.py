@@ -34,7 +34,9 @@ class Figure:
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
 
-def _per_task(total: Callable[[FleetMetrics], float]) -> Callable[[FleetMetrics], float]:
+def per_task(total: Callable[[FleetMetrics], float]) -> Callable[[FleetMetrics], float]:
+    """That, over the tasks that were completed; nan where none was."""
+
     def of(fleet: FleetMetrics) -> float:
         done = len(fleet.completed)
         return total(fleet) / done if done else math.nan
@@ -74,8 +76,8 @@ FIGURES: tuple[Figure, ...] = (
     Figure("completed", "tasks completed", "", 0, lambda f: len(f.completed)),
     Figure("rate", "tasks per minute", "1/min", 2, lambda f: f.tasks_per_min),
     Figure("cost", "total travel cost", "s", 1, lambda f: f.travel_cost_s),
-    Figure("cost_per_task", "travel cost per task", "s", 2, _per_task(lambda f: f.travel_cost_s)),
-    Figure("travel_per_task", "travel time per task", "s", 2, _per_task(lambda f: f.travel_time_s)),
+    Figure("cost_per_task", "travel cost per task", "s", 2, per_task(lambda f: f.travel_cost_s)),
+    Figure("travel_per_task", "travel time per task", "s", 2, per_task(lambda f: f.travel_time_s)),
     Figure("driven", "distance driven", "m", 1, lambda f: f.driven_m),
     Figure("cf1", "conflict-free CF1", "%", 1, lambda f: 100.0 * f.conflict_free_rate),
     Figure("twice", "completed twice", "", 0, lambda f: len(f.completed_twice)),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,10 +16,13 @@ from numpy.typing import NDArray
 from hippomat_core.config import Config
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.alignment import Alignment, align_runs
+from hippomat_logs.definitions import Task, conflict_free_rate
 from hippomat_logs.metrics.latency import LatencyMetrics, Times, whole_latencies
-from hippomat_logs.metrics.robot import KINDS, Completed, MetricsReading, RobotMetrics, Task
+from hippomat_logs.metrics.robot import KINDS, Completed, MetricsReading, RobotMetrics
 from hippomat_logs.metrics.samples import together
 from hippomat_logs.reader import Run, open_runs
+
+CommonNs = Callable[[Times], Times]  # a log's own times -> the fleet's
 
 
 @dataclass(slots=True)
@@ -66,9 +70,7 @@ class FleetMetrics:
     @property
     def conflict_free_rate(self) -> float:
         """CF1: share of the requested tasks that exactly one robot requested; nan if there were none."""
-        requests = Counter(task for robot in self.robots for task in robot.requested)
-        alone = sum(count == 1 for count in requests.values())
-        return alone / len(requests) if requests else math.nan
+        return conflict_free_rate((robot.robot, task) for robot in self.robots for task in robot.requested)
 
     @property
     def conflicts(self) -> dict[str, int]:
@@ -159,18 +161,23 @@ def clocks_of(runs: Sequence[Run], *, trusted: bool = False) -> Clocks:
 
 def fleet_metrics(runs: Sequence[Run], robots: Sequence[RobotMetrics], clocks: Clocks) -> FleetMetrics:
     """The robots' figures, one for each run, on one clock."""
-    alignment = clocks.alignment
+    common = [partial(clocks.alignment.common_ns_array, run) for run in runs]
+    found = on_one_clock(robots, common, runs[0].config if runs else None, clocks.text)
+    return replace(found, clocks=found.clocks + _doubt(found.robots))
 
-    def common_ns(place: int, times_ns: Times) -> Times:
-        return alignment.common_ns_array(runs[place], times_ns)
 
-    def common_s(run: Run) -> Callable[[float], float]:
-        return lambda at_s: alignment.common_ns(run, round(at_s * 1e9)) / 1e9
+def on_one_clock(
+    robots: Sequence[RobotMetrics], common: Sequence[CommonNs], config: Config | None, clocks: str
+) -> FleetMetrics:
+    """common: for each robot, times of its own log [ns] -> the fleet's. clocks: says how they are one."""
 
-    moved = [robot.moved(common_s(run)) for run, robot in zip(runs, robots, strict=True)]
-    latencies = whole_latencies([(robot.robot, robot.passages) for robot in moved], common_ns)
-    text = clocks.text + _doubt(moved)
-    return FleetMetrics(moved, runs[0].config if runs else None, text, latencies)
+    def common_s(clock: CommonNs) -> Callable[[float], float]:
+        return lambda at_s: int(clock(np.array([round(at_s * 1e9)], np.int64))[0]) / 1e9
+
+    moved = [robot.moved(common_s(clock)) for robot, clock in zip(robots, common, strict=True)]
+    halves = [(robot.robot, robot.passages) for robot in moved]
+    latencies = whole_latencies(halves, lambda place, times_ns: common[place](times_ns))
+    return FleetMetrics(moved, config, clocks, latencies)
 
 
 def _doubt(robots: Sequence[RobotMetrics]) -> str:

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hippomat_core.wire.frames import OPERATOR
+from hippomat_logs.definitions import TICKS_PER_S
 from hippomat_logs.metrics.figures import NONE, mean, most, number
 from hippomat_logs.metrics.fleet import FleetMetrics
 from hippomat_logs.metrics.links import LinkMetrics
@@ -19,7 +20,6 @@ from hippomat_logs.metrics.same_motion import Rigid
 from hippomat_logs.metrics.samples import Samples, quantiles, together
 from hippomat_logs.metrics.truth import PoseErrors, TruthMetrics
 
-TICKS_PER_S = 20
 _BAD_COUNTERS = ("dropped", "send_failed", "replaced")
 _COLUMNS = (
     "robot",

@@ -20,13 +20,11 @@ from numpy.typing import NDArray
 
 from hippomat_core import messages as m
 from hippomat_core.errors import LogError
+from hippomat_core.fleet.rows import HEARD_DIRECTLY
+from hippomat_core.fleet.snapshot import LATE_ROUNDS
 from hippomat_logs.metrics.samples import CAPACITY
 
 Heard = m.StateHeard | m.RelayHeard | m.TasksHeard | m.StopHeard
-HEARD = (m.StateHeard, m.RelayHeard, m.TasksHeard, m.StopHeard)
-NEVER_HEARD_MS = 65_535
-OWN_FRAME = 255  # RoundDecided.row_via: it came in its owner's STATE
-LATE_ROUNDS = 1.5  # a row older than this is not of the round that is decided
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +166,8 @@ class _Rows:
         ages = decision.row_age_ms
         if len(ages) != self._size:
             raise LogError(f"a decision has {len(ages)} rows in a fleet of {self._size} robots")
-        fresh, direct = ages <= self._late_ms, decision.row_via == OWN_FRAME
-        heard = ages != NEVER_HEARD_MS
+        fresh, direct = ages <= self._late_ms, decision.row_via == HEARD_DIRECTLY
+        heard = ages != m.NEVER_HEARD_MS
         self._sums += (fresh & direct, fresh & ~direct, ~fresh, heard, ages * heard)
         if self._decisions % self._stride == 0:
             self._ages_ms.frombytes(np.ascontiguousarray(ages, np.uint16).tobytes())
@@ -191,7 +189,7 @@ class _Rows:
             return math.nan, math.nan, 0, 0, 0
         direct, relayed, late, heard, total_ms = self._sums[:, owner].tolist()
         ages = self._table()[:, owner]
-        ages = ages[ages != NEVER_HEARD_MS]
+        ages = ages[ages != m.NEVER_HEARD_MS]
         high = float(np.percentile(ages, 95)) if ages.size else math.nan
         return total_ms / heard if heard else math.nan, high, direct, relayed, late
 

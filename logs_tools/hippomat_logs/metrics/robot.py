@@ -16,19 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core import messages as m
-from hippomat_core.allocation.quantise import dequantise
 from hippomat_core.config import Config
 from hippomat_core.control.recovery import DRIVE, FREE
-from hippomat_core.maps.map_event import grid_in
-from hippomat_core.planning.ground import ground_of
 from hippomat_core.wire import frames
+from hippomat_logs.definitions import Task, c_max_s, cost_s
 from hippomat_logs.metrics.latency import LatencyReading, Passages
 from hippomat_logs.metrics.links import LinkMetrics, LinkReading
 from hippomat_logs.metrics.machines import ComputerMetrics, ComputerReading, RadioReading
 from hippomat_logs.metrics.samples import Samples
 from hippomat_logs.records import DropRecord, ProcessRecord, TimingRecord
 
-Task = tuple[int, int]  # slot, generation
 MIN_STEP_M = 0.02  # shorter moves are no way driven: an estimate trembles where a robot stands
 
 
@@ -191,17 +188,15 @@ class MetricsReading:
         elif claim.what == "completed":
             begun_s = found.requested.get(task, at_s)
             travel_s = max(0.0, at_s - begun_s - self._dwell_s)
-            found.completed.append(Completed(found.robot, task, at_s, self._cost_s(claim.cost), travel_s))
-
-    def _cost_s(self, code: int) -> float:
-        return float(dequantise(np.array([code], np.uint8), self._c_max_s)[0]) if self._c_max_s else math.nan
+            found.completed.append(
+                Completed(found.robot, task, at_s, cost_s(claim.cost, self._c_max_s), travel_s)
+            )
 
     def _conflict(self, message: m.ConflictSeen) -> None:
         _count(self._metrics.conflicts, message.cause)
 
     def _map(self, message: m.MapReceived) -> None:
-        if not self._config.fleet.c_max_s:
-            self._c_max_s = ground_of(grid_in(message), message.epoch, self._config).c_max_s
+        self._c_max_s = c_max_s(self._config, message)
 
     # ---- motion ----
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hippomat_core.errors import HippomatError
 from hippomat_core.messages import Localized, PoseEstimated
+from hippomat_core.slam.poses import seen_from, wrapped
 from hippomat_logs.alignment import Alignment
 from hippomat_logs.metrics.figures import mean
 from hippomat_logs.metrics.robot import MIN_STEP_M
@@ -151,7 +152,7 @@ def _errors(robot: int, track: Track, known: NDArray[np.bool_], truth: Track, fo
     really = found.frame(truth.at(at_s))
     errors_m = np.hypot(*(poses - really)[:, :2].T)[known]
     began = int(known.argmax()) if known.any() else 0
-    yaw_rad = _wrapped(poses[:, 2] - really[:, 2])[known]
+    yaw_rad = wrapped(poses[:, 2] - really[:, 2])[known]
     rpe_m, rpe_rad = _relative(at_s[known], poses[known], really[known])
     return PoseErrors(
         robot,
@@ -176,22 +177,10 @@ def _relative(at_s: Floats, poses: Floats, really: Floats) -> tuple[float, float
     starts, ends = starts[steady], ends[steady]
     if not len(starts):
         return math.nan, math.nan
-    off = _motion(poses[starts], poses[ends]) - _motion(really[starts], really[ends])
-    turned = _wrapped(off[:, 2])
+    off = seen_from(poses[starts], poses[ends]) - seen_from(really[starts], really[ends])
+    turned = wrapped(off[:, 2])
     error_rad = math.sqrt(float((turned**2).mean())) if turns else math.nan
     return math.sqrt(float((off[:, :2] ** 2).sum(axis=1).mean())), error_rad
-
-
-def _motion(start: Floats, end: Floats) -> Floats:
-    """(n, 3) the end seen from the start."""
-    step, yaw = end - start, start[:, 2]
-    c, s = np.cos(yaw), np.sin(yaw)
-    x, y = c * step[:, 0] + s * step[:, 1], c * step[:, 1] - s * step[:, 0]
-    return np.column_stack([x, y, step[:, 2]])
-
-
-def _wrapped(angle_rad: Floats) -> Floats:
-    return (angle_rad + math.pi) % math.tau - math.pi
 
 
 def _driven_m(poses: Floats) -> float:

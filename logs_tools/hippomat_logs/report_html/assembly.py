@@ -6,7 +6,7 @@ Decides what the fleet's second 0 is, which view of a peer without a log is take
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from hippomat_core.fleet.robot_names import named
 from hippomat_logs.fleet_story.conflicts import Conflict
 from hippomat_logs.manifest import core_hash
-from hippomat_logs.metrics import FleetMetrics, RobotMetrics
-from hippomat_logs.metrics.latency import whole_latencies
+from hippomat_logs.metrics.fleet import CommonNs, on_one_clock
 from hippomat_logs.report_html.data import (
     Clock,
     Fact,
@@ -31,8 +30,6 @@ from hippomat_logs.report_html.data import (
     on_clock,
 )
 from hippomat_logs.report_html.logs import ReadLog
-
-CommonNs = Callable[[NDArray[np.int64]], NDArray[np.int64]]  # a log's own times -> the fleet's
 
 STEPS_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0)
 MOST_POSES = 300_000  # of all robots together: some 2 MB of the file
@@ -66,7 +63,7 @@ def assemble(
         tasks=_tasks(read, times, robots),
         conflicts=_noticed(robots) if conflicts is None else conflicts_shown(conflicts, read, times),
         explained=conflicts is not None,
-        metrics=_metrics(read, common, clocks),
+        metrics=on_one_clock([one.metrics for one in read], common, read[0].log.run.config, clocks),
         age_counts=np.sum([one.reading.age_counts for one in read], axis=0),
         facts=_facts(read, begun_ns, span_s, clocks),
         warnings=[
@@ -168,18 +165,6 @@ def task_lives(seen: Sequence[TaskSeen], robots: Sequence[RobotView]) -> list[Ta
 
 
 # ---- between robots ----
-
-
-def _metrics(read: Sequence[ReadLog], common: Sequence[CommonNs], clocks: str) -> FleetMetrics:
-    """All robots' on the fleet's time."""
-
-    def moved(one: ReadLog, clock: CommonNs) -> RobotMetrics:
-        return one.metrics.moved(lambda at_s: float(clock(np.array([round(at_s * 1e9)]))[0]) / 1e9)
-
-    robots = [moved(one, clock) for one, clock in zip(read, common, strict=True)]
-    halves = [(one.robot, one.passages) for one in robots]
-    latencies = whole_latencies(halves, lambda place, times: common[place](times))
-    return FleetMetrics(robots, read[0].log.run.config, clocks, latencies)
 
 
 def conflicts_shown(

@@ -22,7 +22,6 @@ IDLE, NOT_READY, REQUESTED, CONFIRMED, SERVING = "idle", "not ready", "requested
 STOPPED, LOST, RECOVERY = "stopped", "lost", "recovery"
 PHASES = (IDLE, NOT_READY, REQUESTED, CONFIRMED, SERVING, RECOVERY, STOPPED, LOST)
 NO_SLOT = -1
-NEVER_HEARD_MS = 65_535
 
 Clock = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # a log's times -> the fleet's
 Stamped = TypeVar("Stamped", bound=Any)  # a dataclass

@@ -20,7 +20,7 @@ from hippomat_logs.reader import Losses, Record, Run, mapped, open_again, readin
 from hippomat_logs.records import DropRecord
 from hippomat_logs.recovery import lenient_contents
 from hippomat_logs.report_html.reading import KINDS, LogReading, ViewReader
-from hippomat_logs.schema import TOPICS
+from hippomat_logs.schema import CLASSES, TOPICS
 from hippomat_logs.walk import Contents
 
 READ = tuple(dict.fromkeys((Started, *KINDS, *METRICS_KINDS)))
@@ -152,7 +152,7 @@ def _what_is_left(log: FoundLog, faults: list[str]) -> Iterator[Record]:
         contents = _contents(log.inside)
         with mapped(path) as data:
             for raw in walk_leniently(data, contents):
-                if raw.topic not in TOPICS.values():
+                if raw.topic not in CLASSES:
                     continue
                 missing += max(raw.number - expected, 0)
                 expected = raw.number + 1

@@ -13,9 +13,10 @@ from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 from numpy.typing import NDArray
 
+from hippomat_core.messages import NEVER_HEARD_MS
 from hippomat_core.wire.frames import OPERATOR
 from hippomat_logs.metrics import LinkMetrics, RobotMetrics
-from hippomat_logs.report_html.data import NEVER_HEARD_MS, ReportData
+from hippomat_logs.report_html.data import ReportData
 
 PALETTE = tuple(reversed(Cividis256))  # perceptually even, the same for all colour vision (Nunez et al. 2018)
 ROOMY, READABLE = 8, 12  # robots; cells of more have room for one line of numbers, or for none

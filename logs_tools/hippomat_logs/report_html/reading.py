@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from hippomat_core import messages as m
 from hippomat_core.config import Config
 from hippomat_core.control.recovery import DRIVE, FREE
+from hippomat_core.maps.map_event import grid_in
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
 from hippomat_core.wire import frames as air
 from hippomat_logs.reader import Record
@@ -26,7 +27,6 @@ from hippomat_logs.report_html.data import (
     CONFIRMED,
     IDLE,
     LOST,
-    NEVER_HEARD_MS,
     NO_SLOT,
     NOT_READY,
     RECOVERY,
@@ -59,7 +59,7 @@ class LogReading:
     heard: list[RobotView] = field(default_factory=list)
     tasks: list[TaskSeen] = field(default_factory=list)
     grid: OccupancyGrid | None = None
-    age_counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(NEVER_HEARD_MS + 1, np.int64))
+    age_counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(m.NEVER_HEARD_MS + 1, np.int64))
 
 
 class ViewReader:
@@ -183,8 +183,7 @@ class ViewReader:
 
     def _map(self, _: float, said: m.MapReceived | m.MapDrawn) -> None:
         if said.width * said.height == len(said.cells) > 0:
-            cells = np.array(said.cells).reshape(said.height, said.width)
-            self._found.grid = OccupancyGrid(cells, said.resolution_m, said.origin_x_m, said.origin_y_m)
+            self._found.grid = grid_in(said)
 
     def _planned(self, at_s: float, planned: m.PathPlanned) -> None:
         grid = self._found.grid
