@@ -16,7 +16,7 @@ from hippomat_logs.clip import find_divergence, write_clip
 from hippomat_logs.each_file import progress_bar
 from hippomat_logs.log_writer import refuse_existing
 from hippomat_logs.opened_run import group_runs
-from hippomat_logs.reader import Run, open_runs
+from hippomat_logs.reader import Run, open_again
 from hippomat_logs.replay import same_fingerprint
 from hippomat_logs.replay_pool import in_a_process
 from hippomat_logs.report import DIVERGED, REPRODUCED
@@ -29,7 +29,7 @@ def clip(runs: Sequence[Run], out: Path, as_json: bool, console: Console) -> int
     """Of the first run that diverges. The exit code is replay's: DIVERGED, or REPRODUCED and no clip."""
     refuse_existing(out)
     for run in runs:
-        told = in_a_process(run, clip_of, run.paths, out)
+        told = in_a_process(run, clip_of, run.paths, run.inside, out)
         if told:
             if as_json:
                 print(json.dumps({"clip": str(out), "run": run.name, "shows": told}))
@@ -45,9 +45,9 @@ def clip(runs: Sequence[Run], out: Path, as_json: bool, console: Console) -> int
     return REPRODUCED
 
 
-def clip_of(paths: tuple[Path, ...], out: Path) -> str:
+def clip_of(paths: tuple[Path, ...], inside: str, out: Path) -> str:
     """Write the clip; what it shows, empty where nothing diverges."""
-    run = open_runs(paths)[0]
+    run = open_again(paths, inside)
     if run.clip:
         raise HippomatError(f"{run.paths[0]}: is a clip already, of {run.clip}")
     exact = same_fingerprint(run)
