@@ -113,6 +113,13 @@ def record_run(directory: Path, ticks: int = 40, close: bool = True, **options: 
     return run
 
 
+def recorded_log(directory: Path, ticks: int = 40) -> Path:
+    """The one file of such a run."""
+    record_run(directory, ticks)
+    (path,) = directory.glob("*.mcap")
+    return path
+
+
 def sweep_bytes() -> bytes:
     start = np.zeros(90, np.bool_)
     start[0] = True

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from changed_log import change_log
-from recorded_run import record_run
+from recorded_run import recorded_log
 
 from hippomat_core import messages as m
 from hippomat_logs.clip import find_divergence, write_clip
@@ -24,10 +24,7 @@ QUICK = ReplayOptions(levels=("L0", "L1", "L2"))
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    directory = tmp_path_factory.mktemp("log")
-    record_run(directory, ticks=60)
-    (path,) = directory.glob("*.mcap")
-    return path
+    return recorded_log(tmp_path_factory.mktemp("log"), ticks=60)
 
 
 def other_cost(number: int) -> Any:

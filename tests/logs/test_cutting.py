@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from recorded_data import data_folder
-from recorded_run import record_run
+from recorded_run import recorded_log
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -37,10 +37,7 @@ SERVICES = {"/add_two_ints/_service_event", "/add_two_ints2/_service_event"}
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    directory = tmp_path_factory.mktemp("run")
-    record_run(directory, ticks=40)
-    (path,) = directory.glob("*.mcap")
-    return path
+    return recorded_log(tmp_path_factory.mktemp("run"), ticks=40)
 
 
 def messages_of(source: Source, topics: frozenset[str] = frozenset()) -> list[tuple[str, int, str, str]]:
@@ -170,8 +167,7 @@ def test_topics_and_times_are_kept_as_asked(run: Path, tmp_path: Path) -> None:
 
 
 def test_several_runs_become_one_log_with_a_prefix_each(run: Path, tmp_path: Path) -> None:
-    record_run(tmp_path / "other", ticks=10)
-    (other,) = (tmp_path / "other").glob("*.mcap")
+    other = recorded_log(tmp_path / "other", ticks=10)
     bag = data_folder() / "bags" / "talker.mcap"
     assert main(["merge", str(run), str(bag), "-o", str(tmp_path / "all.mcap")]) == 0
     merged = open_run(tmp_path / "all.mcap")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from log_samples import CONFIG, START_NS, new_recorder
 from recorded_data import data_folder
-from recorded_run import record_run
+from recorded_run import recorded_log
 
 from hippomat_core import messages as m
 from hippomat_core.config import LogConfig
@@ -27,10 +27,7 @@ from hippomat_logs.recovery import recover_directory
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    directory = tmp_path_factory.mktemp("whole")
-    record_run(directory, ticks=20)
-    (path,) = directory.glob("*.mcap")
-    return path
+    return recorded_log(tmp_path_factory.mktemp("whole"), ticks=20)
 
 
 def test_a_whole_log_is_sound(whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -135,8 +132,7 @@ def test_bytes_that_a_tool_laundered_are_found_by_their_own_checksum(tmp_path: P
     from hippomat_logs.part import RUN_METADATA
     from hippomat_logs.sources import McapSource
 
-    record_run(tmp_path / "run", ticks=5)
-    (path,) = (tmp_path / "run").glob("*.mcap")
+    path = recorded_log(tmp_path / "run", ticks=5)
     source = McapSource(path)
     with writing(tmp_path / "laundered.mcap") as writer:
         writer.facts(RUN_METADATA, source.file.metadata[RUN_METADATA])
@@ -189,8 +185,7 @@ def test_a_log_of_somebody_else_is_called_that_and_not_damaged():
 
 
 def test_it_says_how_far_it_is_inside_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    record_run(tmp_path, ticks=40)
-    (path,) = tmp_path.glob("*.mcap")
+    path = recorded_log(tmp_path, ticks=40)
     monkeypatch.setattr(examination, "TOLD_EVERY", 20)
     shares: list[float] = []
     assert examine(path, shares.append).sound

@@ -17,7 +17,7 @@ import psutil
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from recorded_run import record_run
+from recorded_run import recorded_log
 
 from hippomat_core import messages as m
 from hippomat_core.config import Config, config_from_dict, parse_config
@@ -34,10 +34,7 @@ QUICK = ["--levels", "L0,L1,L2", "--json"]
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    directory = tmp_path_factory.mktemp("log")
-    record_run(directory, ticks=40)
-    (path,) = directory.glob("*.mcap")
-    return path
+    return recorded_log(tmp_path_factory.mktemp("log"), ticks=40)
 
 
 def quick_report(path: Path) -> Any:
