@@ -80,4 +80,5 @@ class DirectRecorder:
 
     def _check(self) -> None:
         if self._series.problem or self._series.abandoned:
-            raise HippomatError(f"cannot record into {self._directory}: {self._series.problem}")
+            why = self._series.problem or self._series.warning
+            raise HippomatError(f"cannot record into {self._directory}: {why}")

@@ -33,6 +33,7 @@ LOSSLESS_WAKE_S = 0.01  # somebody may be waiting for room in the queue; otherwi
 QUEUE_RECORDS = 8192
 BATCH_RECORDS = 40  # encoded in one go: the control loop's thread must not wait long for the interpreter
 YIELD_S = 1e-4
+_LAST_NS = 2**63 - 1  # the latest log time that every reader takes
 _FULL = "queue full: the disk was too slow"
 _FILLING = "queue half full: bulk was shed"
 _LOW = "disk low: bulk was shed"
@@ -108,13 +109,14 @@ class Recorder:
         self._limit, self._half = queue_records, queue_records // 2
         self._lossless = lossless
         self._dropping: tuple[int, str] | None = None  # first of the records that found no room, and why
-        self._dropped = 0
-        self._shed_queue = self._shed_disk = 0  # each counted by one thread
+        self._dropped = self._unfit = 0  # each counted by one thread
+        self._shed_queue = self._shed_disk = 0  # likewise
         self._gap: DropRecord | None = None  # what the writer sheds just now
         self._ready: list[Encoded] = []  # a batch on its way to the file
         self._level = self._disk.level()
         self._worst_sync_s = 0.0
         self._fault = ""
+        self._ended = False  # by an error of ours
         self._closing = threading.Event()
         carried = attachments(policy, files)
         self._series = series_of(opener, manifest, self._store, config, wall_ns, stamp_ns, carried)
@@ -139,10 +141,13 @@ class Recorder:
         self._put(stamp_ns, ProcessRecord(stamp_ns, real_ns, cpu_ns, peak_memory_kib))
 
     def status(self) -> RecorderStatus:
-        lost = self._dropped + self._series.lost_records
+        lost = self._dropped + self._unfit + self._series.lost_records
+        if self._ended:  # nobody takes any more out of the queue
+            lost += sum(type(record) is not DropRecord for _, _, record in tuple(self._queue))
         problem = self._series.problem or self._fault or self._disk.problem
         if not problem and self._dropping is not None:
             problem = f"the log's {self._dropping[1]}"
+        problem = problem or self._series.warning
         shed = self._shed_queue + self._shed_disk
         return RecorderStatus(self._next - 1, lost, problem, self._series.name, shed)
 
@@ -169,7 +174,7 @@ class Recorder:
         """Is there room in a queue that is half full or more? If not, the record is counted."""
         waiting = len(self._queue)
         if self._lossless:
-            while len(self._queue) >= self._limit and self._thread.is_alive():
+            while len(self._queue) >= self._limit and self._thread.is_alive() and not self._ended:
                 time.sleep(0.002)
         elif waiting >= self._limit:
             self._dropped += 1
@@ -198,10 +203,16 @@ class Recorder:
     def _write_until_closed(self) -> None:
         try:
             self._write_and_flush()
-            if self._series.abandoned:
-                recover_directory(self._directory)
         except Exception as error:
             self._fault = f"recording ended: {type(error).__name__}: {error}"
+            self._series.give_up(self._ready)
+            self._ended = True
+            self._closing.wait()  # a recovery now would take time from the robot
+        if self._series.abandoned:
+            try:
+                recover_directory(self._directory)
+            except Exception as error:
+                self._fault = f"a part was left for recovery: {error}"
 
     def _write_and_flush(self) -> None:
         due_s = time.monotonic() + SYNC_S
@@ -216,7 +227,7 @@ class Recorder:
                 due_s = now_s + SYNC_S
             if closing and not self._queue:
                 break
-        self._end_gap(self._last_ns)
+        self._end_gap(_held(self._last_ns))
         self._hand_on(time.monotonic())
         shed = self._shed_queue + self._shed_disk
         self._series.close(
@@ -236,6 +247,7 @@ class Recorder:
 
     def _write(self, number: int, log_time_ns: int, record: Any) -> None:
         """One record as bytes, with the views of it, for _hand_on."""
+        log_time_ns = _held(log_time_ns)
         if self._level >= NO_BULK and _may_go(record):
             self._shed_disk += 1
             self._gap = DropRecord(self._gap.first if self._gap else number, number, _LOW)
@@ -274,9 +286,14 @@ class Recorder:
     def _lost_for(self, number: int, log_time_ns: int, record: Any, error: Exception) -> Encoded:
         cause = f"{type(record).__name__} does not fit its definition: {error}"
         self._fault = cause
-        self._dropped += 1
+        self._unfit += 1
         data = self._store.encode(DropRecord(number, number, cause))
         return Encoded(TOPICS[DropRecord], number, log_time_ns, data)
+
+
+def _held(log_time_ns: int) -> int:
+    """The log time itself, unless the clock is off by centuries."""
+    return min(max(log_time_ns, 0), _LAST_NS)
 
 
 def _may_go(record: Any) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from pathlib import Path
 from typing import Protocol
 
@@ -25,6 +25,7 @@ class Sink(Protocol):
     def sync(self) -> None: ...
     def finish(self) -> None: ...
     def abandon(self) -> None: ...
+    def discard(self) -> None: ...
 
 
 SinkOpener = Callable[[str], Sink]
@@ -81,6 +82,11 @@ class FileSink:
         """Leave the file as it was after the last good flush; recovery makes a log of it."""
         os.close(self._fd)
 
+    def discard(self) -> None:
+        """There shall be no such file: nothing was recorded into it."""
+        self._active.unlink(missing_ok=True)
+        os.close(self._fd)
+
 
 class FullDiskSink:
     """A disk on which only `room_bytes` are left: stands in for a full one wherever that must be tried."""
@@ -109,6 +115,9 @@ class FullDiskSink:
 
     def abandon(self) -> None:
         self._inner.abandon()
+
+    def discard(self) -> None:
+        self._inner.discard()
 
 
 class PowerCutSink:
@@ -141,9 +150,51 @@ class PowerCutSink:
     def abandon(self) -> None:
         self._inner.abandon()
 
+    def discard(self) -> None:
+        self._inner.discard()
+
     def cut(self) -> bytes:
         """What is on the disk now."""
         return self._path.read_bytes()[: self._synced]
+
+
+class FaultyDisk:
+    """Opens files on a disk that fails now and then, for the histories that nobody thinks of.
+
+    Its operations (open, flush, sync, finish) are numbered from 0; those in `failing` raise OSError instead.
+    """
+
+    def __init__(self, directory: Path, failing: Container[int]) -> None:
+        self._directory, self._failing, self._next = directory, failing, 0
+
+    def __call__(self, name: str) -> Sink:
+        self.take()
+        return _FaultySink(self, FileSink(self._directory, name))
+
+    def take(self) -> None:
+        """One operation."""
+        self._next += 1
+        if self._next - 1 in self._failing:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+
+class _FaultySink:
+    def __init__(self, disk: FaultyDisk, inner: FileSink) -> None:
+        self._disk, self._inner = disk, inner
+        self.write, self.tell = inner.write, inner.tell
+        self.abandon, self.discard = inner.abandon, inner.discard
+
+    def flush(self) -> None:
+        self._disk.take()
+        self._inner.flush()
+
+    def sync(self) -> None:
+        self._disk.take()
+        self._inner.sync()
+
+    def finish(self) -> None:
+        self._disk.take()
+        self._inner.finish()
 
 
 def file_sinks(directory: Path) -> SinkOpener:
