@@ -25,25 +25,26 @@ class Template:
         )
         self._arrays = {one.name: (place[1], place[0] * int(one.dtype[1:])) for one, place in arrays}
         self._data = bytearray(data)
-        self._places: list[tuple[struct.Struct, int]] = []
+        self._places: list[tuple[struct.Struct, int, slice]] = []  # what packs, where, which of the values
         at, letters = -1, ""
         begun = 0
         for path in paths:
             offset, letter = offsets[path]
             if offset != at and letters:
-                self._places.append((struct.Struct("<" + letters), begun))
+                self._place(letters, begun)
                 letters = ""
             begun = begun if letters else offset
             letters, at = letters + letter, offset + struct.calcsize("<" + letter)
-        self._places.append((struct.Struct("<" + letters), begun))
+        self._place(letters, begun)
+
+    def _place(self, letters: str, begun: int) -> None:
+        first = self._places[-1][2].stop if self._places else 0
+        self._places.append((struct.Struct("<" + letters), begun, slice(first, first + len(letters))))
 
     def fill(self, *values: float, **arrays: NDArray[Any]) -> bytes:
         """values: in the order of the paths; arrays: by field, with the lengths they had."""
-        at = 0
-        for packer, offset in self._places:
-            count = len(packer.format) - 1
-            packer.pack_into(self._data, offset, *values[at : at + count])
-            at += count
+        for packer, offset, which in self._places:
+            packer.pack_into(self._data, offset, *values[which])
         for name, array in arrays.items():
             offset, size = self._arrays[name]
             self._data[offset : offset + size] = array.data.cast("B")

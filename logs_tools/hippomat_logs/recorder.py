@@ -132,10 +132,10 @@ class Recorder:
 
     def serial(self, stamp_ns: int, port: int, direction: int, phase: int, data: bytes) -> None:
         """port: messages.RADIO...; direction 0 from, 1 to the device; phase 0 identification, 1 running."""
-        self._put(stamp_ns, _Moved(stamp_ns, port, direction, phase, bytes(data)))
+        self._put(stamp_ns, (_Moved, stamp_ns, port, direction, phase, bytes(data)))
 
     def timing(self, stamp_ns: int, compute_ns: int, lag_ns: int) -> None:
-        self._put(stamp_ns, TimingRecord(stamp_ns, compute_ns, max(0, lag_ns)))
+        self._put(stamp_ns, (TimingRecord, stamp_ns, compute_ns, max(0, lag_ns)))
 
     def process(self, stamp_ns: int, real_ns: int, cpu_ns: int, peak_memory_kib: int) -> None:
         self._put(stamp_ns, ProcessRecord(stamp_ns, real_ns, cpu_ns, peak_memory_kib))
@@ -161,6 +161,7 @@ class Recorder:
     # ---- caller's thread ----
 
     def _put(self, stamp_ns: int, record: Any) -> None:
+        """record: a message, or the kind of one and its fields: making it then is the writer's work."""
         number = self._next
         self._next = number + 1
         if self._dropping is not None or len(self._queue) >= self._half:
@@ -238,31 +239,37 @@ class Recorder:
         """What was there when it began: a queue that fills faster must not keep the rest from the disk."""
         waiting = len(self._queue)
         while waiting > 0:
-            for _ in range(min(BATCH_RECORDS, waiting)):
-                self._write(*self._queue.popleft())
+            self._write(min(BATCH_RECORDS, waiting))
             self._hand_on(time.monotonic())
             waiting -= BATCH_RECORDS
             if not self._lossless and not self._closing.is_set():
                 time.sleep(YIELD_S)
 
-    def _write(self, number: int, log_time_ns: int, record: Any) -> None:
-        """One record as bytes, with the views of it, for _hand_on."""
-        log_time_ns = _held(log_time_ns)
-        if self._level >= NO_BULK and _may_go(record):
-            self._shed_disk += 1
-            self._gap = DropRecord(self._gap.first if self._gap else number, number, _LOW)
-            return
-        if self._gap is not None:
-            self._end_gap(log_time_ns)
-        kind = type(record)
-        try:
-            topic, encode = self._encoders[kind]
-            self._ready.append(Encoded(topic, number, log_time_ns, encode(record)))
-        except Exception as error:  # a wrong value must cost that record, not the run
-            self._ready.append(self._lost_for(number, log_time_ns, record, error))
-        if kind in self._drawn and self._level < NO_VIEWS and not self._hurried():  # views are shed first
-            for view, data in self._views(record, log_time_ns):
-                self._ready.append(Encoded(view, number, log_time_ns, data, derived=True))
+    def _write(self, count: int) -> None:
+        """So many records as bytes, with the views of them, for _hand_on."""
+        take, encoders, drawn, ready = self._queue.popleft, self._encoders, self._drawn, self._ready
+        sheds, views = self._level >= NO_BULK, self._level < NO_VIEWS and not self._hurried()
+        for _ in range(count):
+            number, log_time_ns, record = take()
+            if not 0 <= log_time_ns <= _LAST_NS:
+                log_time_ns = _held(log_time_ns)
+            if sheds and _may_go(record):
+                self._shed_disk += 1
+                self._gap = DropRecord(self._gap.first if self._gap else number, number, _LOW)
+                continue
+            if self._gap is not None:
+                self._end_gap(log_time_ns)
+            kind = type(record)
+            try:
+                if kind is tuple:
+                    kind, record = record[0], record[0](*record[1:])
+                topic, encode = encoders[kind]
+                ready.append(Encoded(topic, number, log_time_ns, encode(record)))
+            except Exception as error:  # a wrong value must cost that record, not the run
+                ready.append(self._lost_for(number, log_time_ns, kind, error))
+            if kind in drawn and views:  # these are shed first
+                for view, data in self._views(record, log_time_ns):
+                    ready.append(Encoded(view, number, log_time_ns, data, derived=True))
 
     def _hurried(self) -> bool:
         return not self._lossless and len(self._queue) > self._limit // 4
@@ -283,8 +290,8 @@ class Recorder:
             self._fault = f"no standard topic for {type(record).__name__}: {error}"
             return ()
 
-    def _lost_for(self, number: int, log_time_ns: int, record: Any, error: Exception) -> Encoded:
-        cause = f"{type(record).__name__} does not fit its definition: {error}"
+    def _lost_for(self, number: int, log_time_ns: int, kind: type, error: Exception) -> Encoded:
+        cause = f"{kind.__name__} does not fit its definition: {error}"
         self._fault = cause
         self._unfit += 1
         data = self._store.encode(DropRecord(number, number, cause))
@@ -298,4 +305,6 @@ def _held(log_time_ns: int) -> int:
 
 def _may_go(record: Any) -> bool:
     """Is it bulk?"""
-    return record.port == LIDAR if type(record) is _Moved else is_bulk(record)
+    if type(record) is tuple:  # (kind, stamp, port ...)
+        return record[0] is _Moved and record[2] == LIDAR
+    return is_bulk(record)
