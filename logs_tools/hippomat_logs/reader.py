@@ -284,6 +284,8 @@ def _opened(places: Sequence[tuple[Path, str]]) -> list[Run]:
         paths_in_order = tuple(path for _, path, *_ in parts)
         policy = next((contents.policy for *_, contents, _ in parts if contents.policy), b"")
         run = Run(paths_in_order, first.manifest, policy, records=total, store=store, inside=first.inside)
+        last = parts[-1][2]
+        run.recovered = not last.end and bool(last.manifest.get("recovered"))
         runs.append(run)
     return sorted(runs, key=lambda run: (run.robot, run.manifest.get("started_ns", "")))
 

@@ -320,8 +320,10 @@ def test_a_recovered_log_tells_what_it_has_and_says_where_it_ends(
     (tmp_path / f"{path.name}.active").write_bytes(data[: len(data) * 2 // 3])
     assert main(["recover", str(tmp_path)]) == 0
     capsys.readouterr()
-    assert main(["conflicts", str(tmp_path)]) == 0
-    assert "robot 0's log was recovered after a crash: it ends with round" in capsys.readouterr().out
+    assert main(["conflicts", str(tmp_path)]) == 3
+    said = capsys.readouterr().out
+    assert "log of robot 0 is not whole: recovered after a crash" in said
+    assert "robot 0's log ends with round" in said
 
 
 def test_a_robot_that_was_restarted_has_one_story(served: RecordedFleet) -> None:

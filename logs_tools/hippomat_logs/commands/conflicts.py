@@ -66,7 +66,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             console.print(f"{options.out}: who with whom, and the claims over time", markup=False)
     if broken(story, conflicts):
         return DIVERGED
-    return DAMAGED if story.lost else REPRODUCED
+    return DAMAGED if story.not_whole else REPRODUCED
 
 
 def broken(story: FleetStory, conflicts: list[Conflict]) -> list[Conflict]:
@@ -90,7 +90,7 @@ def as_json(story: FleetStory, conflicts: list[Conflict]) -> dict[str, Any]:
         "promise_broken": bool(broken(story, conflicts)),
         "conflicts": plain(conflicts),
         "one_sided": plain(one_sided(story)),
-        "lost": story.lost,
+        "not_whole": story.not_whole,
     }
 
 
@@ -202,14 +202,11 @@ def say_what_is_missing(story: FleetStory, console: Console) -> None:
         )
     for name in story.observers:
         say(console, f"{name} is an observer's log: it decides nothing and is left out", 0, "yellow")
+    for line in story.not_whole:
+        say(console, line, 0, "yellow")
     for told in story.robots.values():
         if told.recovered:
-            text = (
-                f"robot {told.robot}'s log was recovered after a crash: it ends with round {told.rounds[1]}"
-            )
-            say(console, text, 0, "yellow")
-    for line in story.lost:
-        say(console, f"lost: {line}", 0, "yellow")
+            say(console, f"robot {told.robot}'s log ends with round {told.rounds[1]}", 0, "yellow")
 
 
 def _one_sided_text(one: OneSided) -> str:

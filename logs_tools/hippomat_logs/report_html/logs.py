@@ -21,6 +21,7 @@ from hippomat_logs.records import DropRecord
 from hippomat_logs.recovery import lenient_contents
 from hippomat_logs.report_html.reading import KINDS, LogReading, ViewReader
 from hippomat_logs.schema import CLASSES, TOPICS
+from hippomat_logs.shortfalls import shortfalls, whose_log
 from hippomat_logs.walk import Contents
 
 READ = tuple(dict.fromkeys((Started, *KINDS, *METRICS_KINDS)))
@@ -47,7 +48,7 @@ class FoundLog:
 
     @property
     def who(self) -> str:
-        return f"robot {self.robot}" if self.robot >= 0 else "the observer"
+        return whose_log(self.robot)
 
 
 @dataclass(slots=True)
@@ -130,9 +131,7 @@ def read_log(log: FoundLog, known: Collection[int]) -> ReadLog:
         found = _fed(log, _what_is_left(log, faults), known)
         found.faults, found.whole = faults, False
         return found
-    found.faults, found.weights_lost = list(run.lost), run.weights_lost
-    if run.recovered:
-        found.faults.insert(0, "recovered after a crash: its last moments are missing")
+    found.faults, found.weights_lost = shortfalls(run), run.weights_lost
     return found
 
 
