@@ -23,7 +23,7 @@ class Told(Protocol):
 
 def shortfalls(told: Told) -> list[str]:
     """One line each; none: the log is whole."""
-    return [*([ENDED_EARLY] if told.recovered else []), *told.lost]
+    return [*told.lost, *([ENDED_EARLY] if told.recovered else [])]
 
 
 def not_whole(who: str, lacks: Iterable[str]) -> list[str]:

@@ -65,7 +65,7 @@ def test_replay_goes_up_to_the_first_lost_record(holed: Path) -> None:
     report = replay_run(run, ReplayOptions(levels=(*OFFLINE, "daemon", "L3")))
     by_level = {result.level: result for result in report.results}
     assert by_level["L0"].status == "not whole"
-    assert any("the chunk that held them is damaged" in note for note in by_level["L0"].notes)
+    assert "the chunk that held them is damaged" in by_level["L0"].detail
     assert by_level["L1"].status == by_level["L2"].status == "reproduced"
     assert by_level["L1"].compared > 10_000
     assert 20 < by_level["L2"].compared < 150  # of 161 decisions

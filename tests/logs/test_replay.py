@@ -29,6 +29,7 @@ from hippomat_logs.replay_cli import main
 from hippomat_logs.schema import CLASSES, TOPICS, MessageStore
 
 STORE = MessageStore()
+GOLDEN = Path(__file__).parent.parent / "golden" / "runs"
 QUICK = ["--levels", "L0,L1,L2", "--json"]
 
 
@@ -200,7 +201,13 @@ def test_any_cut_is_damage(log: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     [
         ([], "RUN.mcap"),
         (["x.mcap", "--bogus"], "bogus"),
-        (["x.mcap", "--levels", "L9"], "unknown level L9"),
+        (
+            ["x.mcap", "--levels", "L9"],
+            "there is no L9; the levels are L0, L1, L2, daemon, L3, and L4, which",
+        ),
+        (["x.mcap", "--levels", "L0,L4"], "L4 is of a fleet, not of one log: --closed-loop runs it"),
+        (["x.mcap", "--levels", "L0,L4,L7"], "there is no L7; the levels are"),
+        (["x.mcap", "--levels", ""], "there is no empty name"),
         (["/no/such/log.mcap"], "/no/such/log.mcap: cannot be opened"),
     ],
 )
@@ -274,3 +281,17 @@ def test_ctrl_c_ends_a_replay_with_one_line_and_leaves_nobody_behind(log: Path) 
     _, said = process.communicate(timeout=20)
     assert (process.returncode, said) == (1, "hippomat-replay: interrupted\n")
     assert not psutil.wait_procs(workers, timeout=5.0)[1]
+
+
+def test_runs_of_one_robot_are_told_apart_and_fit_80_columns(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    logs = [GOLDEN / name for name in ("one_slam/robot00", "three_wheels/robot00", "three_wheels/robot01")]
+    assert main([*(f"{path}.mcap" for path in logs), "--levels", "L0,L1,L2"]) == 0
+    out = capsys.readouterr().out
+    assert all(len(line) <= 80 for line in out.splitlines())
+    for robot, name in ((0, "one_slam/robot00"), (0, "three_wheels/robot00"), (1, "robot01")):
+        assert f"robot {robot}: {name}\n" in out
+        assert f"{name}: reproduced L0 L1 L2\n" in out
+    assert len([line for line in out.splitlines() if line.strip()]) == 3 + 9 + 3  # no level has a second line

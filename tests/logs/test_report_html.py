@@ -263,7 +263,7 @@ def test_a_damaged_log_is_shown_as_far_as_it_can_be_read_and_says_so(tmp_path: P
     assert main(["report", str(tmp_path), "-o", str(out)]) == 3
     text = out.read_text("utf-8")
     assert "not of damaged logs: robot 1" in text
-    assert 'role="alert">robot 1:' in text
+    assert 'role="alert">log of robot 1 is not whole:' in text
     data, whole = build([tmp_path])
     assert not whole
     assert [robot.robot for robot in data.robots] == [0, 1]

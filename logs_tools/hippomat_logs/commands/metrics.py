@@ -138,9 +138,7 @@ def _one_trial(trial: TrialFiles, options: argparse.Namespace, console: Console)
         return code
     console.print(metrics_table(metrics))
     for line in fleet_lines(metrics):
-        say(console, line, 0, "yellow" if line in metrics.not_whole else "")
-    if guess:
-        say(console, f"note: {guess}", 0, "yellow")
+        console.print(line, markup=False)
     if errors is not None:
         console.print()
         console.print(truth_table(errors))
@@ -151,6 +149,8 @@ def _one_trial(trial: TrialFiles, options: argparse.Namespace, console: Console)
         for title, table in link_tables(metrics):
             console.print(f"\n{title}", style="bold", markup=False)
             console.print(table)
+    for line in [*metrics.not_whole, *([guess] if guess else [])]:
+        say(console, line, 0, "yellow")
     return code
 
 

@@ -56,7 +56,6 @@ def fleet_lines(metrics: FleetMetrics) -> list[str]:
         *_state_lines(metrics),
         *_trouble_lines(metrics),
         *([f"clocks: {metrics.clocks}"] if metrics.clocks else []),
-        *metrics.not_whole,
     ]
 
 
