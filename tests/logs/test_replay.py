@@ -21,6 +21,7 @@ from recorded_run import recorded_log
 
 from hippomat_core import messages as m
 from hippomat_core.config import Config, config_from_dict, parse_config
+from hippomat_core.errors import HippomatError
 from hippomat_logs.daemon_process import to_toml
 from hippomat_logs.level2 import EffectComparison
 from hippomat_logs.reader import open_runs
@@ -295,3 +296,17 @@ def test_runs_of_one_robot_are_told_apart_and_fit_80_columns(
         assert f"robot {robot}: {name}\n" in out
         assert f"{name}: reproduced L0 L1 L2\n" in out
     assert len([line for line in out.splitlines() if line.strip()]) == 3 + 9 + 3  # no level has a second line
+
+
+def test_a_copy_of_a_log_counts_once_and_another_version_of_it_is_refused(log: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.mcap"
+    copy.write_bytes(log.read_bytes())
+    (run,) = open_runs([log, copy])
+    assert len(run.paths) == 1
+    assert (
+        quick_report(log).results[0].compared == replay_run(run, ReplayOptions(("L0",))).results[0].compared
+    )
+    copy.unlink()
+    rewrite(log, copy, lambda _, message: message)
+    with pytest.raises(HippomatError, match="are the same part of one run, and differ: give one of them"):
+        open_runs([log, copy])

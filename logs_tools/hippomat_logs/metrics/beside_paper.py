@@ -11,8 +11,9 @@ from hippomat_logs.metrics.figures import NONE, number
 from hippomat_logs.metrics.fleet import FleetMetrics
 
 CAVEAT = (
-    "The paper states neither its instances and map nor its unit of cost and number of continuous tasks,\n"
-    "and this is another place: compare orders of methods, not sizes."
+    "The paper states neither its instances and map nor its unit of cost and number\n"
+    "of continuous tasks, and this is another place: compare orders of methods, not\n"
+    "sizes."
 )
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hippomat_core.errors import HippomatError, LogError
+from hippomat_logs.copies import refuse_other_version
 from hippomat_logs.metrics.grouping import (
     LoggedRun,
     by_directory,
@@ -125,7 +126,7 @@ def find_trials(paths: Sequence[Path], by: str = BY_TIME) -> Found:
 
 
 def _once(sources: Sequence[Source]) -> tuple[list[Source], list[str]]:
-    """Without copies of a part, and a line for each."""
+    """Without copies of a part, and a line for each. HippomatError where two of one part differ."""
     first: dict[tuple[str, ...], Source] = {}
     kept, twice = list[Source](), list[str]()
     for source in sources:
@@ -136,7 +137,8 @@ def _once(sources: Sequence[Source]) -> tuple[list[Source], list[str]]:
         if other is source:
             kept.append(source)
         else:
-            twice.append(f"{source.path} is of the same run as {other.path}")
+            refuse_other_version(source.path, other.path)
+            twice.append(f"{source.path} is a copy of {other.path}")
     return kept, twice
 
 
@@ -147,7 +149,7 @@ def _new_ones(fused: Sequence[list[LoggedRun]], twice: list[str]) -> list[list[L
     for group in sorted(fused, key=lambda group: -len(group)):
         keys = [(run.robot, run.manifest.get("session_id", "")) for run in group]
         if other := next((holders[key] for key in keys if key in holders), None):
-            twice.append(f"{group[0].paths[0]} is of the same runs as {other}")
+            twice.append(f"{group[0].paths[0]} holds the runs of {other}")
             continue
         holders |= dict.fromkeys(keys, group[0].paths[0])
         kept.append(group)
