@@ -56,7 +56,9 @@ def parser() -> Parser:
     made.add_argument("--no-daemon", action="store_true", help="all levels but daemon, which takes longest")
     made.add_argument("--strict", action="store_true", help="a miss of L3's bar is a divergence")
     made.add_argument("--json", action="store_true", help="print the results as JSON")
-    made.add_argument("--sim", action="store_true", help="only L0 and L3, with pictures if --plots is given")
+    made.add_argument(
+        "--sim", action="store_true", help="only L0 and L3: how well a simulated robot moves as recorded"
+    )
     made.add_argument(
         "-o",
         "--plots",
@@ -111,6 +113,10 @@ def check(options: argparse.Namespace) -> None:
     for name, mode in (("at", "clip"), ("step", "serve"), ("reason", "update_golden")):
         if getattr(options, name) not in (None, False, "") and mode not in modes:
             raise HippomatError(f"--{name} goes with --{mode.replace('_', '-')}")
+    if options.sim and options.levels != LEVELS:
+        raise HippomatError("--sim and --levels: choose one; --sim is --levels L0,L3")
+    if options.plots is not None and not (again or options.sim or "L3" in options.levels):
+        raise HippomatError(f"--plots {options.plots}: only L3 and --closed-loop draw: add L3 to --levels")
     if options.speed != 1.0 and not options.serve:
         raise HippomatError("--speed goes with --serve")
     if not 0.0 < options.speed < float("inf"):

@@ -225,7 +225,7 @@ def test_the_command_prints_the_life_and_the_same_as_json(
     assert main(["explain", "--task", "0:1", only_the_third]) == 0
     out = capsys.readouterr().out
     assert "robot 0 has no log; others heard its claim: confirmed in round" in out
-    assert "no log of robot 0, 1" in out
+    assert "no log of robots 0, 1" in out
 
 
 # ---- a decision ----

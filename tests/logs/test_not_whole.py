@@ -107,3 +107,12 @@ def test_json_has_it_too(cut: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert logs(["metrics", str(cut), "--json"]) == 3
     line = "log of robot 2 is not whole: recovered after a crash: its last moments are missing"
     assert json.loads(capsys.readouterr().out)["not_whole"] == [line]
+
+
+def test_no_clip_of_a_log_that_is_not_whole_is_not_all_is_well(
+    holed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert replay([str(holed), "--clip", str(tmp_path / "clip.mcap")]) == 3
+    out = capsys.readouterr().out
+    assert "there is no divergence to clip" in out
+    assert "is not whole: records" in out

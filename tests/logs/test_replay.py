@@ -209,6 +209,8 @@ def test_any_cut_is_damage(log: Path, tmp_path: Path, capsys: pytest.CaptureFixt
         (["x.mcap", "--levels", "L0,L4"], "L4 is of a fleet, not of one log: --closed-loop runs it"),
         (["x.mcap", "--levels", "L0,L4,L7"], "there is no L7; the levels are"),
         (["x.mcap", "--levels", ""], "there is no empty name"),
+        (["x.mcap", "--sim", "--levels", "L1"], "--sim and --levels: choose one"),
+        (["x.mcap", "--plots", "out", "--levels", "L2"], "--plots out: only L3 and --closed-loop draw"),
         (["/no/such/log.mcap"], "/no/such/log.mcap: cannot be opened"),
     ],
 )

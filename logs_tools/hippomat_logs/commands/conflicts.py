@@ -12,6 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from hippomat_core.fleet.robot_names import named
 from hippomat_logs.fleet_story.causes import CAUSES
 from hippomat_logs.fleet_story.conflicts import (
     DOUBLY_CONFIRMED,
@@ -193,13 +194,9 @@ def _costs(one: Conflict) -> str:
 def say_what_is_missing(story: FleetStory, console: Console) -> None:
     """What these logs cannot tell."""
     if story.missing:
-        robots = ", ".join(map(str, story.missing))
-        say(
-            console,
-            f"no log of robot {robots}: what it did is known only as far as others heard",
-            0,
-            "yellow",
-        )
+        whom = "it" if len(story.missing) == 1 else "they"
+        text = f"no log of {named(story.missing)}: what {whom} did is known only as far as others heard"
+        say(console, text, 0, "yellow")
     for name in story.observers:
         say(console, f"{name} is an observer's log: it decides nothing and is left out", 0, "yellow")
     for line in story.not_whole:

@@ -264,7 +264,7 @@ def _replayable(read: Sequence[ReadLog]) -> Fact:
     if lost := [one.log.who for one in read if one.weights_lost]:
         return Fact("Replay", f"the weights that decided are lost: {', '.join(lost)}", bad=True)
     if any(one.faults for one in read):
-        return Fact("Replay", "up to the first lost record", bad=True)
+        return Fact("Replay", "as far as the logs go: not all are whole", bad=True)
     if all(one.log.robot < 0 for one in read):
         return Fact("Replay", "an observer decides nothing")
     if any(one.log.manifest.get("core_hash") != core_hash() for one in read):
