@@ -11,8 +11,10 @@ Common time is the log time of one run, the reference. It is as wrong as that cl
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,7 @@ from hippomat_logs.clock_map import ClockMap, Times, constant, thinned
 from hippomat_logs.radio_links import Link, links_between
 from hippomat_logs.radio_traffic import Traffic, traffic_of
 from hippomat_logs.reader import Run
+from hippomat_logs.shortfalls import whose_log
 
 HOST_LATENCY_NS = 1e6  # from radio to log, of the least late record of a second, at most: USB's poll
 Key = tuple[str, str]
@@ -54,6 +57,7 @@ class Alignment:
     links: list[Link] = field(default_factory=list)
     traffic: list[Traffic] = field(default_factory=list)  # of each run, in the order of clocks
     maps: dict[Key, ClockMap] = field(default_factory=dict)
+    strangers: frozenset[Key] = frozenset()  # runs that share no traffic with the reference, if allowed
 
     @classmethod
     def trusting(cls, runs: Sequence[Run]) -> Alignment:
@@ -77,6 +81,10 @@ class Alignment:
         """Of each run, in the order of `clocks`."""
         return iter(self.maps.values())
 
+    def is_stranger(self, run: Run) -> bool:
+        """Whether it keeps its own clock although the others' are aligned."""
+        return key_of_run(run) in self.strangers
+
     def map_of(self, run: Run) -> ClockMap:
         try:
             return self.maps[key_of_run(run)]
@@ -94,13 +102,17 @@ def align_runs(
     *,
     reference: int | None = None,
     trust_clocks: bool = False,
+    strangers: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Alignment:
     """Common time of `runs` by their radio traffic; one run alone is its own.
 
     reference: the robot whose log time shall be common time; None: of the first by id and start.
     trust_clocks: leave all wall clocks as they are; how far they are off shows in the residuals.
-    Raises HippomatError naming the runs that share no traffic with the reference, LogError for damaged logs.
+    strangers: runs that share no traffic keep their own clocks; the others' common time is that of the first
+    of the largest group that does.
+    Raises HippomatError naming the runs that share no traffic with the reference (with `strangers`: where no
+    two share any), LogError for damaged logs.
     """
     runs = sorted(runs, key=_place)
     root = _root(runs, reference)
@@ -111,12 +123,22 @@ def align_runs(
         progress(run.name)
         traffic.append(traffic_of(run))
     links = links_between(traffic)
-    routes = _trusted_routes(runs) if trust_clocks else _routes(len(runs), links, traffic, root)
-    _refuse_strangers(runs, routes, root)
+    if trust_clocks:
+        routes = _trusted_routes(range(len(runs)))
+    elif strangers:
+        each = [_routes(len(runs), links, traffic, k) for k in range(len(runs))]
+        routes, root = max(each, key=len), each.index(max(each, key=len))
+    else:
+        routes = _routes(len(runs), links, traffic, root)
+    alone = [k for k in range(len(runs)) if k not in routes]
+    if alone and (not strangers or len(routes) == 1):
+        _refuse([runs[k] for k in alone], runs[root])
+    routes |= _trusted_routes(alone)
     maps = [_composed(routes, links, k) for k in range(len(runs))]
     clocks = [_clock(runs, traffic, links, routes, maps, k) for k in range(len(runs))]
     by_key = {key_of_run(run): map_ for run, map_ in zip(runs, maps, strict=True)}
-    return Alignment(clocks, "" if trust_clocks else runs[root].name, links, traffic, by_key)
+    apart = frozenset(key_of_run(runs[k]) for k in alone)
+    return Alignment(clocks, "" if trust_clocks else runs[root].name, links, traffic, by_key, apart)
 
 
 def _place(run: Run) -> tuple[int, str, str]:
@@ -164,18 +186,27 @@ def _routes(count: int, links: Sequence[Link], traffic: Sequence[Traffic], root:
     return routes
 
 
-def _trusted_routes(runs: Sequence[Run]) -> dict[int, _Route]:
-    return {k: _Route(float("nan"), k, -1) for k in range(len(runs))}
+def _trusted_routes(which: Iterable[int]) -> dict[int, _Route]:
+    return {k: _Route(float("nan"), k, -1) for k in which}
 
 
-def _refuse_strangers(runs: Sequence[Run], routes: dict[int, _Route], root: int) -> None:
-    strangers = [run for k, run in enumerate(runs) if k not in routes]
-    if strangers:
-        names = ", ".join(run.name for run in strangers)
-        raise HippomatError(
-            f"no radio traffic links {names} with {runs[root].name}, so their clocks cannot be compared: "
-            "leave them out, or trust the wall clocks of all (--trust-clocks)"
-        )
+def _refuse(alone: Sequence[Run], reference: Run) -> NoReturn:
+    names = ", ".join(run.name for run in alone)
+    raise HippomatError(
+        f"no radio traffic links {names} with {reference.name}, so their clocks cannot be compared: "
+        "leave them out, or trust the wall clocks of all (--trust-clocks)"
+    )
+
+
+def how_sure(alignment: Alignment) -> str:
+    """ "within 0.3 ms", and who is not."""
+    unsure_ns = [clock.uncertainty_ns for clock in alignment.clocks if not math.isnan(clock.uncertainty_ns)]
+    alone = [whose_log(clock.robot) for clock in alignment.clocks if math.isnan(clock.uncertainty_ns)]
+    text = f"within {max(unsure_ns) / 1e6:.1f} ms"
+    if not alone:
+        return text
+    whose = "it keeps its" if len(alone) == 1 else "they keep their"
+    return f"{text}; but no frames link {', '.join(alone)} with them: {whose} own wall clock"
 
 
 def _composed(routes: dict[int, _Route], links: Sequence[Link], k: int) -> ClockMap:

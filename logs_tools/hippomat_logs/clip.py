@@ -47,6 +47,8 @@ def find_divergence(run: Run, exact: bool) -> Found | None:
     events: list[Record] = []
     effects: list[Record] = []
     for path, raw in run.raw_in_order():
+        if run.lost:
+            break  # what follows depends on what is missing
         if raw.topic in EVENT_TOPICS:
             if replay.divergence is not None:
                 break
@@ -59,7 +61,7 @@ def find_divergence(run: Run, exact: bool) -> Found | None:
         elif raw.topic in EFFECT_TOPICS:
             effects.append(run.decoded(path, raw))
             replay.feed(effects[-1])
-    replay.result(run.recovered)
+    replay.result(run.recovered or bool(run.lost))
     if replay.divergence is None:
         return None
     return Found(run, replay.divergence, tuple(events), tuple(effects))

@@ -19,17 +19,20 @@ from hippomat_logs.opened_run import group_runs
 from hippomat_logs.reader import Run, open_again
 from hippomat_logs.replay import same_fingerprint
 from hippomat_logs.replay_pool import in_a_process
-from hippomat_logs.report import DIVERGED, REPRODUCED
+from hippomat_logs.report import DAMAGED, DIVERGED, REPRODUCED
 from hippomat_logs.selection import Selection, write_selection
+from hippomat_logs.shortfalls import not_whole, shortfalls
 
 AROUND_S = 2.0
 
 
 def clip(runs: Sequence[Run], out: Path, as_json: bool, console: Console) -> int:
-    """Of the first run that diverges. The exit code is replay's: DIVERGED, or REPRODUCED and no clip."""
+    """Of the first run that diverges. The exit code is replay's; DAMAGED: no clip, but a log is not whole."""
     refuse_existing(out)
+    lacks = list[str]()
     for run in runs:
-        told = in_a_process(run, clip_of, run.paths, run.inside, out)
+        told, lacking = in_a_process(run, clip_of, run.paths, run.inside, out)
+        lacks += not_whole(run.name, lacking)
         if told:
             if as_json:
                 print(json.dumps({"clip": str(out), "run": run.name, "shows": told}))
@@ -37,28 +40,33 @@ def clip(runs: Sequence[Run], out: Path, as_json: bool, console: Console) -> int
                 console.print(f"{out}: {told}", markup=False)
             return DIVERGED
     if as_json:
-        print(json.dumps({"clip": None}))
-        return REPRODUCED
+        print(json.dumps({"clip": None, "not_whole": lacks}))
+        return DAMAGED if lacks else REPRODUCED
     names = ", ".join(run.name for run in runs)
     told = "there is no divergence to clip (--at S cuts a window to look at)"
     console.print(f"{names}: reproduced; {told}", markup=False)
-    return REPRODUCED
+    for line in lacks:
+        console.print(line, style="yellow", markup=False)
+    return DAMAGED if lacks else REPRODUCED
 
 
-def clip_of(paths: tuple[Path, ...], inside: str, out: Path) -> str:
-    """Write the clip; what it shows, empty where nothing diverges."""
+def clip_of(paths: tuple[Path, ...], inside: str, out: Path) -> tuple[str, list[str]]:
+    """Write the clip; what it shows, empty where nothing diverges, and what the log lacks up to there."""
     run = open_again(paths, inside)
     if run.clip:
         raise HippomatError(f"{run.paths[0]}: is a clip already, of {run.clip}")
     exact = same_fingerprint(run)
     found = find_divergence(run, exact)
     if found is None:
-        return ""
+        return "", shortfalls(run)
     with progress_bar() as bar:
         task = bar.add_task("leaving events out", total=1)
         kept = write_clip(found, out, exact, lambda done, of: bar.update(task, completed=done, total=of))
     size_kib = out.stat().st_size / 1024
-    return f"{kept:,} of {len(found.events):,} events, {size_kib:.0f} KiB, show {found.divergence}"
+    return (
+        f"{kept:,} of {len(found.events):,} events, {size_kib:.0f} KiB, show {found.divergence}",
+        shortfalls(run),
+    )
 
 
 def cut_window(logs: Sequence[Path], out: Path, at_s: float, console: Console) -> int:

@@ -25,6 +25,7 @@ from hippomat_logs.reader import Losses, mapped, open_again, reading_store, runs
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.recovery import lenient_contents
 from hippomat_logs.schema import CLASSES, MessageStore
+from hippomat_logs.shortfalls import ENDED_EARLY, shortfalls
 from hippomat_logs.sink import ACTIVE
 from hippomat_logs.sources import Source, open_source
 from hippomat_logs.walk import Contents, RawMessage, check_frame
@@ -103,10 +104,8 @@ def _examine_fused(path: Path, found: Examination) -> None:
             text = str(error).removeprefix(f"{path}: ")
             found.add(DAMAGE, f"{inside.strip('/')}: {text}; fuse the robots' own logs again")
             continue
-        for line in run.lost:
+        for line in shortfalls(run):
             found.add(LOSS, f"{run.name}: {line}")
-        if run.recovered:
-            found.add(LOSS, f"{run.name}: recovered after a crash: its last moments are missing")
 
 
 # ---- our logs ----
@@ -208,7 +207,7 @@ def _examine_facts(path: Path, contents: Contents, found: Examination) -> None:
     if not end and whole and not path.name.endswith(ACTIVE):
         found.add(LOSS, "has no end mark, and no recovery accounts for it")
     if manifest.get("recovered"):
-        found.add(LOSS, "recovered after a crash: its last moments are missing")
+        found.add(LOSS, ENDED_EARLY)
     if damage := contents.recovery.get("damage"):
         found.add(LOSS, f"when it was recovered: {damage}")
     if manifest.get("selection"):

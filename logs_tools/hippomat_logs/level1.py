@@ -53,7 +53,7 @@ class ByteCheck:
             self._retire(port)
         if self._last is not None and self.divergence is None and not may_be_cut:
             self._nothing_left(self._last)
-        detail = f"{self._events} events; both directions encode to the same bytes"
+        detail = f"{self._events:,} events; same bytes both ways"
         if self._noise:
             detail += f"; {self._noise} bytes of noise, counted as recorded"
         if self._ros:

@@ -120,7 +120,7 @@ class DecisionReplay:
         if self._last is not None and not may_be_cut and not self._stopped:
             self._no_more(self._last)
         how = "bit-equal" if self._compare.exact else "within tolerances: another machine or library"
-        detail = f"{self._effects} effects of {self._events} events, {how}"
+        detail = f"{self._effects:,} effects of {self._events:,} events, {how}"
         status = OK if self.divergence is None and self._decisions else FAILED
         if self.divergence is None and not self._decisions:
             if self._effects and not self._decides:

@@ -177,10 +177,10 @@ def judge(driven: Driven, strict: bool) -> LevelResult:
         "driven_m": driven.length_m,
     }
     detail = (
-        f"{100 * (1 - beyond):.1f} % of samples within {BOUND_M} m, "
-        f"ATE {figures['ate_m']:.3f} m {figures['ate_deg']:.1f} deg, "
-        f"RPE {figures['rpe_m_per_s']:.3f} m {figures['rpe_deg_per_s']:.1f} deg per s, "
-        f"drift over the run {drift_m:.2f} m in {driven.length_m:.1f} m"
+        f"{100 * (1 - beyond):.1f} % within {BOUND_M} m; "
+        f"ATE {figures['ate_m']:.3f} m {figures['ate_deg']:.1f} deg; "
+        f"RPE {figures['rpe_m_per_s']:.3f} m {figures['rpe_deg_per_s']:.1f} deg per s; "
+        f"drift {drift_m:.2f} m in {driven.length_m:.1f} m"
     )
     missed = beyond > MAX_SHARE_BEYOND
     if missed:

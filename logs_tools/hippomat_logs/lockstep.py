@@ -219,5 +219,5 @@ def compare_runs(recorded: Run, again: Run, exact: bool) -> LevelResult:
         tick, other = left
         where = Divergence("daemon", recorded.robot, tick, 0, 0.0, "record", "the log ends", other.message)
         return LevelResult("daemon", FAILED, decisions, "decisions", "", [], where)
-    detail = f"{compared} events and effects of the real daemon on fake serial ports"
+    detail = f"{compared:,} events and effects, on fake ports"
     return LevelResult("daemon", OK if compared else FAILED, decisions, "decisions", detail)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.column_table import Table, table_of
+from hippomat_logs.copies import each_part_once
 from hippomat_logs.mcap_file import RawRow
 from hippomat_logs.part import RUN_METADATA
 from hippomat_logs.reader import NAME_KEY
@@ -185,7 +186,8 @@ def group_opened(opened: Iterable[Source]) -> list[OpenedRun]:
             key = *key, str(source.path)
         groups.setdefault(key, []).append(source)
     for sources in groups.values():
-        sources.sort(key=lambda source: int(manifest_of(source).get("part", "0")))
+        parts = [(int(manifest_of(source).get("part", "0")), source.path, source) for source in sources]
+        sources[:] = [source for *_, source in each_part_once(parts)]
     own = {key for key in groups if len(key) == 2}
     runs = [OpenedRun(sources) for key, sources in groups.items() if len(key) < 3 or key[:2] not in own]
     return sorted(runs, key=lambda run: (run.robot, run.span_ns, run.name))

@@ -21,6 +21,7 @@ from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.config import Config
 from hippomat_core.errors import ConfigError, HippomatError, LogError
 from hippomat_logs.cdr_encoder import ENCAPSULATION
+from hippomat_logs.copies import each_part_once
 from hippomat_logs.manifest import config_of
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.schema import CLASSES, DERIVED, TOPICS, MessageStore
@@ -264,26 +265,29 @@ def open_again(paths: Sequence[Path], inside: str) -> Run:
 
 def _opened(places: Sequence[tuple[Path, str]]) -> list[Run]:
     """The runs at these places: files, and which run inside a fused one."""
-    groups: dict[tuple[str, str, str], list[tuple[int, Path, Contents, int]]] = {}
+    groups: dict[tuple[str, str, str], list[tuple[int, Path, tuple[Contents, int]]]] = {}
     store = reading_store()
     for path, inside in dict.fromkeys(places):
         contents, messages = read_contents(path, store, inside)
         manifest = contents.manifest
         whole = str(path) if inside else ""  # a run in a fused file has no further parts
-        key = manifest.get("robot", ""), manifest.get("session_id", ""), whole
-        groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, contents, messages))
+        session = manifest.get("session_id", "") + manifest.get(CLIP_KEY, "")  # a clip is no part of its run
+        key = manifest.get("robot", ""), session, whole
+        groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, (contents, messages)))
     runs = []
     known: set[tuple[str, ...]] = set()
     for key in sorted(groups, key=lambda one: bool(one[2])):  # own files first
         if key[2] and key[:2] in known:
             continue
         known.add(key[:2])
-        parts = groups[key]
-        parts.sort(key=lambda part: part[0])
-        total, first = sum(messages for *_, messages in parts), parts[0][2]
-        paths_in_order = tuple(path for _, path, *_ in parts)
-        policy = next((contents.policy for *_, contents, _ in parts if contents.policy), b"")
+        parts = list(each_part_once(groups[key]))
+        paths_in_order = tuple(path for _, path, _ in parts)
+        contents_in_order = [contents for *_, (contents, _) in parts]
+        total, first = sum(messages for *_, (_, messages) in parts), contents_in_order[0]
+        policy = next((contents.policy for contents in contents_in_order if contents.policy), b"")
         run = Run(paths_in_order, first.manifest, policy, records=total, store=store, inside=first.inside)
+        last = contents_in_order[-1]
+        run.recovered = not last.end and bool(last.manifest.get("recovered"))
         runs.append(run)
     return sorted(runs, key=lambda run: (run.robot, run.manifest.get("started_ns", "")))
 

@@ -122,7 +122,10 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
     def opened() -> PartWriter:
         facts = {**contents.manifest, "recovered": "yes"}
         sink = FileSink(path.parent, name, RECOVERING)
-        return PartWriter(sink, facts, list(contents.channels.values()), contents.attachments)
+        channels = list(contents.channels.values())
+        if TOPICS[DropRecord] not in {channel.topic for channel in channels}:
+            channels += [one for one in our_channels(store) if one.topic == TOPICS[DropRecord]]
+        return PartWriter(sink, facts, channels, contents.attachments)
 
     with mapped(path) as data:
         try:

@@ -22,13 +22,15 @@ from hippomat_logs.level3 import check_motion
 from hippomat_logs.lockstep import replay_in_daemon
 from hippomat_logs.manifest import core_hash, fingerprint
 from hippomat_logs.reader import Run
-from hippomat_logs.report import FAULT, LOSSY, NOT_RUN, OK, LevelResult, RunReport
+from hippomat_logs.report import FAILED, FAULT, LOSSY, NOT_RUN, NOT_WHOLE, OK, LevelResult, RunReport
 from hippomat_logs.schema import EFFECT_TOPICS, EVENT_TOPICS
+from hippomat_logs.shortfalls import shortfalls
 
 LEVELS = ("L0", "L1", "L2", "daemon", "L3")
 Progress = Callable[[str, int], None]  # (level, records done)
 PROGRESS_STEP = 1000
 _NO_BYTES = "a clip keeps the events that matter, no bytes and no drive"
+_NO_WEIGHTS = "the weights that decided are lost: give another part of this run too"
 FED_TOPICS = EVENT_TOPICS | EFFECT_TOPICS
 
 
@@ -41,7 +43,7 @@ class ReplayOptions:
 
 def replay_run(run: Run, options: ReplayOptions, progress: Progress = lambda *_: None) -> RunReport:
     """All wanted levels on one run; never raises for what a log holds."""
-    report = RunReport(run.name, run.robot)
+    report = RunReport(run.name, run.robot, file=str(run.paths[0]))
     decisions: DecisionReplay | None = None
     try:
         if "L2" in options.levels and not run.weights_lost:
@@ -81,6 +83,9 @@ def _offline_levels(
         for path, raw in run.raw_in_order():
             if run.records % PROGRESS_STEP == 0:
                 progress("L0-L2", run.records)
+            if run.lost:  # what follows depends on what is missing
+                run.check(path, raw)
+                continue
             if decisions is not None and raw.topic in EFFECT_TOPICS and decisions.takes(raw):
                 continue
             fed = decisions is not None and raw.topic in FED_TOPICS
@@ -95,24 +100,37 @@ def _offline_levels(
     except LogError as error:
         report.results.append(LevelResult("L0", LOSSY, run.records, "records", str(error)))
         return False
-    lost = list(run.lost)
-    if run.weights_lost:
-        lost.append("the weights that decided are lost: give another part of this run too")
-    if lost:
-        result = LevelResult("L0", LOSSY, run.records, "records", lost[0], lost)
-        report.results.append(result)
-        return False
-    notes = ["recovered after a crash: the last moments are missing"] if run.recovered else []
-    notes += [f"a clip of {run.clip}"] if run.clip else []
-    detail = f"{len(run.paths)} file{'s' * (len(run.paths) > 1)}, checksums and record numbers whole"
-    report.results.insert(0, LevelResult("L0", OK, run.records, "records", detail, notes))
+    report.results.insert(0, _integrity(run))
+    may_be_cut = run.recovered or bool(run.lost)
     if bytes_check is not None:
-        report.results.append(bytes_check.result(run.recovered))
+        report.results.append(_up_to_loss(run, bytes_check.result(may_be_cut)))
     elif "L1" in options.levels:
         report.results.append(LevelResult("L1", NOT_RUN, detail=_NO_BYTES))
     if decisions is not None:
-        report.results.append(_with_reason(run, decisions.result(run.recovered)))
+        report.results.append(_with_reason(run, _up_to_loss(run, decisions.result(may_be_cut))))
+    elif "L2" in options.levels and run.weights_lost:
+        report.results.append(LevelResult("L2", NOT_RUN, detail=_NO_WEIGHTS))
     return True
+
+
+def _integrity(run: Run) -> LevelResult:
+    """L0 of a run that was read to its end without damage."""
+    lacks = shortfalls(run) + ([_NO_WEIGHTS] if run.weights_lost else [])
+    notes = [f"a clip of {run.clip}"] if run.clip else []
+    if lacks:
+        return LevelResult("L0", NOT_WHOLE, run.records, "records", lacks[0], lacks[1:] + notes)
+    detail = f"{len(run.paths)} file{'s' * (len(run.paths) > 1)}, checksums and record numbers whole"
+    return LevelResult("L0", OK, run.records, "records", detail, notes)
+
+
+def _up_to_loss(run: Run, result: LevelResult) -> LevelResult:
+    """Says how far it goes; that nothing came before a loss is no divergence."""
+    if result.divergence is None and result.status == FAILED and (run.lost or run.recovered):
+        detail = "nothing was decided before the log ends, or first lacks records"
+        return LevelResult(result.level, NOT_RUN, detail=detail)
+    if run.lost:
+        result.notes.append("compared up to the first lost record")
+    return result
 
 
 def _with_reason(run: Run, result: LevelResult) -> LevelResult:
@@ -122,9 +140,10 @@ def _with_reason(run: Run, result: LevelResult) -> LevelResult:
 
 
 def _live_levels(run: Run, options: ReplayOptions, report: RunReport, progress: Progress) -> None:
-    if run.clip:
+    unable = _NO_BYTES if run.clip else "records are missing in its course" if run.lost else ""
+    if unable:
         live = [level for level in ("daemon", "L3") if level in options.levels]
-        report.results += [LevelResult(level, NOT_RUN, detail=_NO_BYTES) for level in live]
+        report.results += [LevelResult(level, NOT_RUN, detail=unable) for level in live]
         return
     if "daemon" in options.levels:
         report.results.append(_guarded("daemon", lambda: _in_daemon(run, progress)))
@@ -135,6 +154,8 @@ def _live_levels(run: Run, options: ReplayOptions, report: RunReport, progress: 
 def _in_daemon(run: Run, progress: Progress) -> LevelResult:
     if importlib.util.find_spec("hippomat_host") is None:
         return LevelResult("daemon", NOT_RUN, detail="hippomat_host is not installed")
+    if run.weights_lost:
+        return LevelResult("daemon", NOT_RUN, detail=_NO_WEIGHTS)
     return replay_in_daemon(run, same_fingerprint(run), progress)
 
 

@@ -12,17 +12,26 @@ from hippomat_logs.closed_loop import command as closed_loop
 from hippomat_logs.replay import LEVELS, ReplayOptions
 from hippomat_logs.report import TOOL_ERROR
 
+DESCRIPTION = """Reproduce recorded runs: check every log, then decide everything again from
+its events."""
 EPILOG = """exit codes:
   0  reproduced            1  tool or usage error
   2  diverged              3  a log is damaged or lossy
 
 levels:
   L0      every byte, checksum and record number
-  L1      serial bytes decode to the recorded events and encode to the same bytes
+  L1      serial bytes decode to the recorded events and encode to the same
+          bytes
   L2      the recorded events give the recorded decisions
-  daemon  the real daemon on fake serial ports that offer the recorded bytes decides the same
-  L3      the recorded commands move a simulated robot as recorded (needs hippomat[sim])
-  L4      --closed-loop: the whole fleet again in simulation, many times (needs hippomat[sim])
+  daemon  the real daemon, on fake serial ports that offer the recorded bytes,
+          decides the same
+  L3      the recorded commands move a simulated robot as recorded (needs
+          hippomat[sim])
+  L4      --closed-loop: the whole fleet again in simulation, many times (needs
+          hippomat[sim])
+
+A log that lacks its end (recovered after a crash) or records (shed, lost) is
+reproduced as far as it goes; the exit code is 3.
 """
 
 
@@ -37,18 +46,19 @@ class Parser(argparse.ArgumentParser):
 def parser() -> Parser:
     made = Parser(
         prog="hippomat-replay",
-        description="Reproduce recorded runs: check every log, then decide everything again from its events.",
+        description=DESCRIPTION,
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     made.add_argument("logs", nargs="+", type=Path, metavar="RUN.mcap", help="logs, or directories of logs")
-    made.add_argument("--levels", type=_levels, default=LEVELS, metavar="L0,L1,...", help="only these levels")
-    made.add_argument(
-        "--no-daemon", action="store_true", help="do not start the daemon (same as leaving it out)"
-    )
+    levels = f"only these of {', '.join(LEVELS)} (default: all); L0 always runs"
+    made.add_argument("--levels", type=_levels, default=LEVELS, metavar="L0,L1,...", help=levels)
+    made.add_argument("--no-daemon", action="store_true", help="all levels but daemon, which takes longest")
     made.add_argument("--strict", action="store_true", help="a miss of L3's bar is a divergence")
     made.add_argument("--json", action="store_true", help="print the results as JSON")
-    made.add_argument("--sim", action="store_true", help="only L0 and L3, with pictures if --plots is given")
+    made.add_argument(
+        "--sim", action="store_true", help="only L0 and L3: how well a simulated robot moves as recorded"
+    )
     made.add_argument(
         "-o",
         "--plots",
@@ -103,6 +113,10 @@ def check(options: argparse.Namespace) -> None:
     for name, mode in (("at", "clip"), ("step", "serve"), ("reason", "update_golden")):
         if getattr(options, name) not in (None, False, "") and mode not in modes:
             raise HippomatError(f"--{name} goes with --{mode.replace('_', '-')}")
+    if options.sim and options.levels != LEVELS:
+        raise HippomatError("--sim and --levels: choose one; --sim is --levels L0,L3")
+    if options.plots is not None and not (again or options.sim or "L3" in options.levels):
+        raise HippomatError(f"--plots {options.plots}: only L3 and --closed-loop draw: add L3 to --levels")
     if options.speed != 1.0 and not options.serve:
         raise HippomatError("--speed goes with --serve")
     if not 0.0 < options.speed < float("inf"):
@@ -111,12 +125,13 @@ def check(options: argparse.Namespace) -> None:
 
 def _levels(text: str) -> tuple[str, ...]:
     wanted = {name.strip() for name in text.split(",")} | {"L0"}
-    if "L4" in wanted:
+    unknown = sorted(wanted - set(LEVELS))
+    if unknown == ["L4"]:
         raise argparse.ArgumentTypeError("L4 is of a fleet, not of one log: --closed-loop runs it")
-    unknown = wanted - set(LEVELS)
     if unknown:
         raise argparse.ArgumentTypeError(
-            f"unknown level {', '.join(sorted(unknown))}; known: {', '.join(LEVELS)}"
+            f"there is no {', '.join(name or 'empty name' for name in unknown if name != 'L4')}; "
+            f"the levels are {', '.join(LEVELS)}, and L4, which --closed-loop runs"
         )
     return tuple(level for level in LEVELS if level in wanted)
 

@@ -32,9 +32,11 @@ def _start_worker(queue: Any) -> None:
     _progress = queue
 
 
-def _replay_in_worker(run_paths: tuple[Path, ...], inside: str, options: ReplayOptions) -> RunReport:
+def _replay_in_worker(
+    number: int, run_paths: tuple[Path, ...], inside: str, options: ReplayOptions
+) -> RunReport:
     run = open_again(run_paths, inside)
-    return replay_run(run, options, lambda level, done: _progress.put((run.name, level, done)))
+    return replay_run(run, options, lambda level, done: _progress.put((number, level, done)))
 
 
 def in_a_process(run: Run, work: Callable[..., T], *arguments: Any) -> T:
@@ -69,7 +71,10 @@ def replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
     with bar, ProcessPoolExecutor(workers, context, _start_worker, (queue,)) as pool:
         try:
             with interrupts_held():  # workers inherit it: Ctrl-C is this process's affair
-                futures = [pool.submit(_replay_in_worker, run.paths, run.inside, options) for run in runs]
+                futures = [
+                    pool.submit(_replay_in_worker, number, run.paths, run.inside, options)
+                    for number, run in enumerate(runs)
+                ]
             _watch(futures, runs, queue, bar)
         except KeyboardInterrupt:
             for worker in multiprocessing.active_children():
@@ -79,13 +84,13 @@ def replay_all(runs: list[Run], options: ReplayOptions) -> list[RunReport]:
 
 
 def _watch(futures: list[Future[RunReport]], runs: list[Run], queue: Any, bar: Progress) -> None:
-    rows = {run.name: bar.add_task(f"{run.name[:7]} start ", total=run.records or None) for run in runs}
+    rows = [bar.add_task(f"{run.name[:7]} start ", total=run.records or None) for run in runs]
     pending: set[Future[RunReport]] = set(futures)
     while pending:
         _, pending = wait(pending, timeout=0.1)
         try:
             while True:
-                name, level, done = queue.get_nowait()
-                bar.update(rows[name], description=f"{name[:7]} {level:6}", completed=done)
+                number, level, done = queue.get_nowait()
+                bar.update(rows[number], description=f"{runs[number].name[:7]} {level:6}", completed=done)
         except Empty:
             pass

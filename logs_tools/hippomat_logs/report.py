@@ -8,6 +8,7 @@ from typing import Any
 REPRODUCED, TOOL_ERROR, DIVERGED, DAMAGED = 0, 1, 2, 3
 OK, FAILED, NOT_RUN = "reproduced", "diverged", "not run"
 LOSSY = "damaged"
+NOT_WHOLE = "not whole"  # checked, and says itself what it lacks; the rest is reproduced all the same
 FAULT = "error"
 MISSED = "missed"  # a bar that is reported, but fails only when strict
 
@@ -57,6 +58,7 @@ class RunReport:
     name: str
     robot: int
     results: list[LevelResult] = field(default_factory=list)
+    file: str = ""  # the first of its run
 
     @property
     def verdict(self) -> str:
@@ -64,13 +66,15 @@ class RunReport:
         for result in self.results:
             if result.status in (FAILED, LOSSY, FAULT):
                 return f"{result.status} at {result.level}"
-        reached = [result.level for result in self.results if result.status == OK]
-        return f"reproduced {' '.join(reached)}" if reached else "nothing was compared"
+        reached = " ".join(result.level for result in self.results if result.status == OK)
+        if any(result.status == NOT_WHOLE for result in self.results):
+            return f"reproduced {reached} of a log that is not whole" if reached else "the log is not whole"
+        return f"reproduced {reached}" if reached else "nothing was compared"
 
     @property
     def exit_code(self) -> int:
         statuses = {result.status for result in self.results}
-        if LOSSY in statuses:
+        if statuses & {LOSSY, NOT_WHOLE}:
             return DAMAGED
         if FAILED in statuses:
             return DIVERGED

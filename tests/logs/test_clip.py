@@ -132,7 +132,7 @@ def test_a_run_that_is_reproduced_has_nothing_to_clip(
     assert main([str(log), "--clip", str(tmp_path / "clip.mcap")]) == 0
     assert "there is no divergence to clip" in " ".join(capsys.readouterr().out.split())
     assert main([str(log), "--clip", str(tmp_path / "clip.mcap"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == {"clip": None}
+    assert json.loads(capsys.readouterr().out) == {"clip": None, "not_whole": []}
     assert not (tmp_path / "clip.mcap").exists()
 
 

@@ -225,7 +225,7 @@ def test_the_command_prints_the_life_and_the_same_as_json(
     assert main(["explain", "--task", "0:1", only_the_third]) == 0
     out = capsys.readouterr().out
     assert "robot 0 has no log; others heard its claim: confirmed in round" in out
-    assert "no log of robot 0, 1" in out
+    assert "no log of robots 0, 1" in out
 
 
 # ---- a decision ----
@@ -289,13 +289,18 @@ def test_a_time_names_the_round_that_had_ended_last(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ("", "say what to explain"),
-        ("--task 0 --robot 1", "say what to explain"),
-        ("--task 0 --round 3", "belong to --robot"),
+        ("", "what to explain? --task SLOT[:GEN]"),
+        ("--task 0 --robot 1", "--task 0 and --robot 1: --task tells of all robots"),
+        ("--task 0 --robot 1 --round 3", "--task 0 and --robot 1: --task tells of all robots"),
+        ("--task 0 --round 3", "--round 3 goes with --robot, not with --task"),
+        ("--task 0 --time 3", "--time 3 goes with --robot, not with --task"),
+        ("--time 3", "--time 3 alone: whose decision? add --robot ID"),
+        ("--round 0", "--round 0 alone: whose decision? add --robot ID"),
+        ("--robot 1 --round 3 --time 2", "--round 3 and --time 2: give one of them"),
         ("--task x", "give a slot"),
         ("--task 7", "no log knows a task in slot 7; slots 0 to 0 have one"),
         ("--task 0:9", "slot 0 had generations 1 to 1"),
-        ("--robot 1", "needs --round"),
+        ("--robot 1", "--robot 1 alone: when? add --round K, or --time S"),
         ("--robot 9 --round 40", "of robots 0, 1, 2"),
         ("--robot 1 --round 9999", "robot 1 ended rounds"),
         ("--robot 1 --time 9999", "robot 1 ended rounds until"),
@@ -320,8 +325,10 @@ def test_a_recovered_log_tells_what_it_has_and_says_where_it_ends(
     (tmp_path / f"{path.name}.active").write_bytes(data[: len(data) * 2 // 3])
     assert main(["recover", str(tmp_path)]) == 0
     capsys.readouterr()
-    assert main(["conflicts", str(tmp_path)]) == 0
-    assert "robot 0's log was recovered after a crash: it ends with round" in capsys.readouterr().out
+    assert main(["conflicts", str(tmp_path)]) == 3
+    said = capsys.readouterr().out
+    assert "log of robot 0 is not whole: recovered after a crash" in said
+    assert "robot 0's log ends with round" in said
 
 
 def test_a_robot_that_was_restarted_has_one_story(served: RecordedFleet) -> None:

@@ -70,3 +70,27 @@ def test_times_are_of_one_clock_although_the_robots_are_decades_apart(
         out = " ".join(capsys.readouterr().out.split())
         assert "in 8 s" in out
         assert "one clock by the frames they heard of each other" in out
+
+
+def test_a_fused_file_given_twice_is_one_trial(
+    places: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "again.mcap"
+    copy.write_bytes(places[1].read_bytes())
+    assert len(find_trials([places[1], copy]).trials) == 1
+    assert main(["metrics", str(places[1]), str(copy)]) == 0
+    assert "counted once" in capsys.readouterr().err
+
+
+def test_a_robot_without_radio_keeps_its_own_clock_and_the_others_stay_aligned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Their clocks are decades apart, so that wall clocks would show."""
+    deaf = frozenset((a, b) for a in range(3) for b in range(3) if 0 in (a, b))
+    write_fleet(tmp_path, deaf=deaf)
+    assert main(["metrics", str(tmp_path)]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "in 8 s" in out
+    assert "one clock by the frames they heard of each other, within" in out
+    assert "no frames link robot 0 with them: it keeps its own wall clock" in out
+    assert "taken for one fleet" not in out

@@ -15,8 +15,11 @@ from hypothesis import strategies as st
 from hippomat_core import messages as m
 from hippomat_core.config import Config, FleetConfig, RobotConfig
 from hippomat_core.wire import frames
-from hippomat_logs.metrics import MetricsReading, RobotMetrics, Samples, quantiles
-from hippomat_logs.metrics.latency import whole_latencies
+from hippomat_logs.metrics import FleetMetrics, MetricsReading, RobotMetrics, Samples, quantiles
+from hippomat_logs.metrics.figures import figures_of
+from hippomat_logs.metrics.fleet_tables import fleet_lines
+from hippomat_logs.metrics.latency import LatencyMetrics, whole_latencies
+from hippomat_logs.metrics.links import LinkMetrics
 from hippomat_logs.metrics.samples import together
 from hippomat_logs.reader import Record
 from hippomat_logs.records import DropRecord, ProcessRecord, TimingRecord
@@ -194,3 +197,16 @@ def test_thinned_samples_keep_count_mean_and_extremes(values: list[float], capac
 def test_samples_of_runs_of_any_length_weigh_alike_when_put_together() -> None:
     long_run, short_run = Samples([1.0] * 1000, capacity=100), Samples([0.0] * 500, capacity=1000)
     assert together([long_run, short_run]).mean() == pytest.approx(2 / 3, abs=0.02)
+
+
+def test_latency_of_a_fleet_is_the_mean_of_its_links_medians_wherever_it_stands() -> None:
+    links = [LatencyMetrics(a, 1 - a, 9, median_ms, 99.0) for a, median_ms in ((0, 10.0), (1, 40.0))]
+    silent = LatencyMetrics(2, 0, 0, math.nan, math.nan)
+    heard_from = [
+        LinkMetrics(k, 9, 1, rssi_dbm, rssi_dbm) for k, rssi_dbm in enumerate((-40.0, -50.0, -75.0))
+    ]
+    fleet = FleetMetrics([RobotMetrics(0, links=heard_from)], latencies=[*links, silent])
+    lines = "\n".join(fleet_lines(fleet))
+    assert "STATE core to core: 25.0 ms (mean of the links' medians)" in lines
+    assert "RSSI: -55 dBm (mean of the links' medians)" in lines
+    assert (figures_of(fleet)["latency"], figures_of(fleet)["rssi"]) == (25.0, -55.0)

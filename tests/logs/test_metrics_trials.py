@@ -7,6 +7,7 @@ import io
 import json
 import math
 import re
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -316,3 +317,60 @@ def test_every_figure_has_a_name_of_its_own_and_nothing_is_invented() -> None:
     assert len({figure.key for figure in FIGURES}) == len(FIGURES)
     assert number(math.nan, 2) == "-"
     assert (number(-0.001, 2), number(1234.5, 0), number(-2.0, 1)) == ("0.00", "1,234", "-2.0")
+
+
+# ---- what the figures are of ----
+
+
+def fleet_of_one(directory: Path, robot: int, **options: object) -> None:
+    fleet = replace(FLEET, size=5, allocator="graphsage")
+    stamped = [(0.0, m.Tick(0)), (1.0, claim("completed", 0)), (60.0, m.Tick(0))]
+    write_log(directory, robot, stamped, fleet=fleet, **options)  # type: ignore[arg-type]
+
+
+def test_totals_of_a_part_of_the_fleet_say_of_how_many_logs_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fleet_of_one(tmp_path, 2)
+    assert main(["metrics", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "1 of 5 logs of the fleet: totals lack what the other robots did" in out
+    assert re.search(r"^1 of 5 +1 ", out, re.MULTILINE)  # not "fleet"
+    paper = out[out.index("beside the paper's") :]
+    assert "1 tasks (1 of 5 logs)" in paper
+    assert main(["metrics", str(tmp_path), "--by", "robots"]) == 0
+    assert "1 of 5 logs of the fleet" in capsys.readouterr().err
+    assert main(["metrics", str(tmp_path), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["logs"], facts["fleet_size"]) == (1, 5)
+
+
+def test_a_run_given_twice_is_counted_once(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(runs / "greedy" / "seed1", copy)
+    found = find_trials([runs / "greedy", copy])
+    assert [one.robots for one in found.trials] == [2, 1, 1, 1]
+    assert len(found.twice) == 2
+    assert main(["metrics", str(runs / "greedy"), str(copy), "--by", "method"]) == 0
+    said = capsys.readouterr().err
+    assert said.count("counted once") == 2
+    assert f"{copy}/robot01" in said
+
+
+def test_a_fleet_that_times_alone_put_together_is_called_a_guess(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for robot in range(3):
+        later_ns = WALL_NS + robot * 100 * S
+        fleet_of_one(tmp_path / f"test{robot}", robot, session=f"s{robot}", wall_ns=later_ns)
+    for more in ([], ["--by", "method"]):
+        assert main(["metrics", str(tmp_path), *more]) == 0
+        told = capsys.readouterr()
+        said = " ".join((told.out + told.err).split())
+        assert "3 runs without a frame in common were taken for one fleet" in said
+        assert "--trials dir" in said
+    assert main(["metrics", str(tmp_path), "--trials", "dir"]) == 0
+    told = capsys.readouterr()
+    assert "taken for one fleet" not in told.out + told.err

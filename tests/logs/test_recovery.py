@@ -89,9 +89,9 @@ def test_a_recovered_run_is_reproduced(tmp_path: Path, unfinished: bytes) -> Non
     recover_directory(tmp_path)
     (run,) = open_runs([tmp_path])
     report = replay_run(run, ReplayOptions(levels=("L0", "L1", "L2")))
-    assert report.verdict == "reproduced L0 L1 L2"
-    assert report.exit_code == 0
-    assert "recovered" in report.results[0].notes[0]
+    assert report.verdict == "reproduced L1 L2 of a log that is not whole"
+    assert report.exit_code == 3
+    assert "recovered" in report.results[0].detail
 
 
 @pytest.mark.parametrize("seed", range(12))

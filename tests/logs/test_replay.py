@@ -21,6 +21,7 @@ from recorded_run import recorded_log
 
 from hippomat_core import messages as m
 from hippomat_core.config import Config, config_from_dict, parse_config
+from hippomat_core.errors import HippomatError
 from hippomat_logs.daemon_process import to_toml
 from hippomat_logs.level2 import EffectComparison
 from hippomat_logs.reader import open_runs
@@ -29,6 +30,7 @@ from hippomat_logs.replay_cli import main
 from hippomat_logs.schema import CLASSES, TOPICS, MessageStore
 
 STORE = MessageStore()
+GOLDEN = Path(__file__).parent.parent / "golden" / "runs"
 QUICK = ["--levels", "L0,L1,L2", "--json"]
 
 
@@ -200,7 +202,15 @@ def test_any_cut_is_damage(log: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     [
         ([], "RUN.mcap"),
         (["x.mcap", "--bogus"], "bogus"),
-        (["x.mcap", "--levels", "L9"], "unknown level L9"),
+        (
+            ["x.mcap", "--levels", "L9"],
+            "there is no L9; the levels are L0, L1, L2, daemon, L3, and L4, which",
+        ),
+        (["x.mcap", "--levels", "L0,L4"], "L4 is of a fleet, not of one log: --closed-loop runs it"),
+        (["x.mcap", "--levels", "L0,L4,L7"], "there is no L7; the levels are"),
+        (["x.mcap", "--levels", ""], "there is no empty name"),
+        (["x.mcap", "--sim", "--levels", "L1"], "--sim and --levels: choose one"),
+        (["x.mcap", "--plots", "out", "--levels", "L2"], "--plots out: only L3 and --closed-loop draw"),
         (["/no/such/log.mcap"], "/no/such/log.mcap: cannot be opened"),
     ],
 )
@@ -274,3 +284,31 @@ def test_ctrl_c_ends_a_replay_with_one_line_and_leaves_nobody_behind(log: Path) 
     _, said = process.communicate(timeout=20)
     assert (process.returncode, said) == (1, "hippomat-replay: interrupted\n")
     assert not psutil.wait_procs(workers, timeout=5.0)[1]
+
+
+def test_runs_of_one_robot_are_told_apart_and_fit_80_columns(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    logs = [GOLDEN / name for name in ("one_slam/robot00", "three_wheels/robot00", "three_wheels/robot01")]
+    assert main([*(f"{path}.mcap" for path in logs), "--levels", "L0,L1,L2"]) == 0
+    out = capsys.readouterr().out
+    assert all(len(line) <= 80 for line in out.splitlines())
+    for robot, name in ((0, "one_slam/robot00"), (0, "three_wheels/robot00"), (1, "robot01")):
+        assert f"robot {robot}: {name}\n" in out
+        assert f"{name}: reproduced L0 L1 L2\n" in out
+    assert len([line for line in out.splitlines() if line.strip()]) == 3 + 9 + 3  # no level has a second line
+
+
+def test_a_copy_of_a_log_counts_once_and_another_version_of_it_is_refused(log: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.mcap"
+    copy.write_bytes(log.read_bytes())
+    (run,) = open_runs([log, copy])
+    assert len(run.paths) == 1
+    assert (
+        quick_report(log).results[0].compared == replay_run(run, ReplayOptions(("L0",))).results[0].compared
+    )
+    copy.unlink()
+    rewrite(log, copy, lambda _, message: message)
+    with pytest.raises(HippomatError, match="are the same part of one run, and differ: give one of them"):
+        open_runs([log, copy])

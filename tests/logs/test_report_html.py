@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from bokeh.models import LinearColorMapper
+from fused_lab import write_fleet as write_told
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_samples import START_NS, WALL_NS
+from radio_traffic_lab import YEAR_S, Clock, Robot
 from recorded_fleet import FIRST_REQUEST_S, OPERATED, RecordedFleet
 from recorded_run import record_run
 from report_samples import CONFIRMED, REQUESTED, SERVED_FROM, pose_of, write_fleet
@@ -43,6 +45,22 @@ def say(text: str) -> m.AlarmRaised:
 
 
 # ---- what is shown ----
+
+
+def test_a_robot_without_radio_is_shown_by_its_own_clock_while_the_others_are_aligned(tmp_path: Path) -> None:
+    deaf = frozenset({(0, 1), (1, 0), (0, 2), (2, 0)})
+    at_ns = 30 * YEAR_S * 10**9
+    clocks = [Robot(Clock(at_ns)), Robot(Clock(at_ns)), Robot(Clock(2 * at_ns))]  # of the third, wrong
+    write_told(tmp_path / "near", clocks, deaf=deaf)
+    data, _ = build([tmp_path / "near"])
+    assert data.span_s < 10.0
+    assert "by the frames" in data.metrics.clocks
+    assert any("no radio traffic links robot 0 with the others" in line for line in data.warnings)
+    write_told(tmp_path / "far", [Robot(Clock(3 * at_ns)), *clocks[1:]], deaf=deaf)
+    with pytest.raises(
+        HippomatError, match="links robot 0 with the others, and by its wall clock it did not"
+    ):
+        build([tmp_path / "far"])
 
 
 def test_a_robot_is_shown_where_its_log_says_and_doing_what_it_broadcast(tmp_path: Path) -> None:
@@ -263,7 +281,7 @@ def test_a_damaged_log_is_shown_as_far_as_it_can_be_read_and_says_so(tmp_path: P
     assert main(["report", str(tmp_path), "-o", str(out)]) == 3
     text = out.read_text("utf-8")
     assert "not of damaged logs: robot 1" in text
-    assert 'role="alert">robot 1:' in text
+    assert 'role="alert">log of robot 1 is not whole:' in text
     data, whole = build([tmp_path])
     assert not whole
     assert [robot.robot for robot in data.robots] == [0, 1]

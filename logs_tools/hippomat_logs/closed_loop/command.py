@@ -1,7 +1,7 @@
 """hippomat-replay --closed-loop, --allocator, --policy: what is asked, what is done, and the exit code.
 
 Exit codes: 0 done; 1 tool or usage error; 2 (only --strict) a recorded value lies beyond all re-runs; 3 a
-damaged log.
+log is damaged or not whole.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ from hippomat_logs.metrics.figures import Figure
 from hippomat_logs.metrics.fleet import Clocks
 from hippomat_logs.pictures import require_matplotlib
 from hippomat_logs.reader import Run
-from hippomat_logs.report import DIVERGED, REPRODUCED
+from hippomat_logs.report import DAMAGED, DIVERGED, REPRODUCED
+from hippomat_logs.shortfalls import shortfalls
 
 MAX_SEEDS = 10_000
 
@@ -148,6 +149,8 @@ def run(runs: list[Run], options: argparse.Namespace, console: Console) -> int:
         for path in draw(closed, options.plots):
             if not options.json:
                 console.print(f"picture: {path}", markup=False)
+    if any(shortfalls(run_) for run_ in recording.runs):
+        return DAMAGED
     return DIVERGED if options.strict and closed is not None and closed.beyond else REPRODUCED
 
 

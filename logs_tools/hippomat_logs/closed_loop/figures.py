@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap, percentileofscore
 
 from hippomat_logs.metrics import FleetMetrics
-from hippomat_logs.metrics.figures import Figure, mean, per_task
+from hippomat_logs.metrics.figures import Figure, per_task
+from hippomat_logs.metrics.samples import mean
 
 Values = dict[str, float]  # by Figure.key
 CONFIDENCE = 0.95

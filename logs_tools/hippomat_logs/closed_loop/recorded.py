@@ -22,6 +22,7 @@ from hippomat_logs.alignment import Alignment, align_runs
 from hippomat_logs.closed_loop.plan import RECORDED, Air, FleetPlan, Pose, RobotPlan, SenderDeliveries
 from hippomat_logs.radio_traffic import Traffic, traffic_of
 from hippomat_logs.reader import Run
+from hippomat_logs.shortfalls import not_whole, shortfalls, whose_log
 
 PAUSE_NS = 500_000_000  # between ticks, which come every 50 ms: worth a note
 
@@ -183,8 +184,7 @@ def _note_what_differs(seen: Sequence[_Seen], notes: list[str]) -> None:
             )
         if one.config.ros.url:
             notes.append(f"robot {one.run.robot} ran behind ROS; again it has a simulated base and lidar")
-        if one.run.lost:
-            notes.append(f"robot {one.run.robot}'s log is lossy: {one.run.lost[0]}")
+        notes += not_whole(whose_log(one.run.robot), shortfalls(one.run))
 
 
 def _aligned(runs: Sequence[Run], air: Air, notes: list[str]) -> Alignment:

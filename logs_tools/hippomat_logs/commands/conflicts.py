@@ -12,6 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from hippomat_core.fleet.robot_names import named
 from hippomat_logs.fleet_story.causes import CAUSES
 from hippomat_logs.fleet_story.conflicts import (
     DOUBLY_CONFIRMED,
@@ -66,7 +67,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             console.print(f"{options.out}: who with whom, and the claims over time", markup=False)
     if broken(story, conflicts):
         return DIVERGED
-    return DAMAGED if story.lost else REPRODUCED
+    return DAMAGED if story.not_whole else REPRODUCED
 
 
 def broken(story: FleetStory, conflicts: list[Conflict]) -> list[Conflict]:
@@ -90,7 +91,7 @@ def as_json(story: FleetStory, conflicts: list[Conflict]) -> dict[str, Any]:
         "promise_broken": bool(broken(story, conflicts)),
         "conflicts": plain(conflicts),
         "one_sided": plain(one_sided(story)),
-        "lost": story.lost,
+        "not_whole": story.not_whole,
     }
 
 
@@ -193,23 +194,16 @@ def _costs(one: Conflict) -> str:
 def say_what_is_missing(story: FleetStory, console: Console) -> None:
     """What these logs cannot tell."""
     if story.missing:
-        robots = ", ".join(map(str, story.missing))
-        say(
-            console,
-            f"no log of robot {robots}: what it did is known only as far as others heard",
-            0,
-            "yellow",
-        )
+        whom = "it" if len(story.missing) == 1 else "they"
+        text = f"no log of {named(story.missing)}: what {whom} did is known only as far as others heard"
+        say(console, text, 0, "yellow")
     for name in story.observers:
         say(console, f"{name} is an observer's log: it decides nothing and is left out", 0, "yellow")
+    for line in story.not_whole:
+        say(console, line, 0, "yellow")
     for told in story.robots.values():
         if told.recovered:
-            text = (
-                f"robot {told.robot}'s log was recovered after a crash: it ends with round {told.rounds[1]}"
-            )
-            say(console, text, 0, "yellow")
-    for line in story.lost:
-        say(console, f"lost: {line}", 0, "yellow")
+            say(console, f"robot {told.robot}'s log ends with round {told.rounds[1]}", 0, "yellow")
 
 
 def _one_sided_text(one: OneSided) -> str:

@@ -49,18 +49,40 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
+    check(options)
     by_task = options.task is not None
-    if by_task == (options.robot is not None):
-        raise HippomatError("say what to explain: --task SLOT[:GENERATION], or --robot ID with --round K")
-    if by_task and (options.round is not None or options.time is not None):
-        raise HippomatError("--round and --time belong to --robot: leave them out with --task")
-    if not by_task and (options.round is None) == (options.time is None):
-        raise HippomatError("--robot needs --round K, or --time S in seconds since its log begins")
     runs = open_runs(options.paths)
     story = _explain_task(options, runs, console) if by_task else _explain_decision(options, runs, console)
     if not options.json:
         say_what_is_missing(story, console)
-    return DAMAGED if story.lost else REPRODUCED
+    return DAMAGED if story.not_whole else REPRODUCED
+
+
+def check(options: argparse.Namespace) -> None:
+    """HippomatError for what is no question, with the nearest one that is."""
+    named = ("task", "robot", "round", "time")
+    task, robot, round_, time = (getattr(options, name) is not None for name in named)
+    if round_ and time:
+        raise HippomatError(f"--round {options.round} and --time {options.time:g}: give one of them")
+    when = f"--round {options.round}" if round_ else f"--time {options.time:g}" if time else ""
+    if task and robot:
+        rest = "--task tells of all robots; for one robot's decision: --robot ID with --round K or --time S"
+        raise HippomatError(f"--task {options.task} and --robot {options.robot}: {rest}")
+    if task and when:
+        raise HippomatError(
+            f"{when} goes with --robot, not with --task: a task's whole life is told; leave it out"
+        )
+    if robot and not when:
+        raise HippomatError(
+            f"--robot {options.robot} alone: when? add --round K, or --time S (seconds since its log begins)"
+        )
+    if when and not robot:
+        raise HippomatError(f"{when} alone: whose decision? add --robot ID")
+    if not task and not robot:
+        raise HippomatError(
+            "what to explain? --task SLOT[:GEN] for a task's life, or --robot ID with --round K or --time S "
+            "for a decision"
+        )
 
 
 # ---- a task ----
@@ -91,7 +113,7 @@ def _explain_task(options: argparse.Namespace, runs: list[Run], console: Console
 
 
 def _print_json(story: FleetStory, facts: dict[str, Any]) -> None:
-    print(json.dumps(plain({**facts, "without_log": story.missing, "lost": story.lost}), indent=2))
+    print(json.dumps(plain({**facts, "without_log": story.missing, "not_whole": story.not_whole}), indent=2))
 
 
 def _tasks_in(runs: list[Run]) -> tuple[set[Task], set[Task]]:

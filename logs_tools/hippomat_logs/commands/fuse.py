@@ -18,6 +18,7 @@ from hippomat_logs.log_writer import refuse_existing
 from hippomat_logs.pictures import refuse_no_picture, require_matplotlib
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.report import DAMAGED, REPRODUCED
+from hippomat_logs.shortfalls import not_whole, shortfalls
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -58,10 +59,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
             held = fuse(runs, alignment, options.out, lambda done: bar.update(task, completed=done))
     if options.plot is not None:
         draw_alignment(alignment, options.plot)
-    lost = [f"{run.name}: {line}" for run in runs for line in run.lost]
+    lost = [line for run in runs for line in not_whole(run.name, shortfalls(run))]
     if options.json:
         facts = {**as_json(alignment), "held_back": held.count, "held_back_most_ns": held.longest_ns}
-        print(json.dumps({**facts, "without_cause": held.broken, "lost": lost}, indent=2))
+        print(json.dumps({**facts, "without_cause": held.broken, "not_whole": lost}, indent=2))
     else:
         _show(options, runs, alignment, held, lost, console)
     return DAMAGED if lost else REPRODUCED

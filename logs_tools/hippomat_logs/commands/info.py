@@ -18,6 +18,7 @@ from hippomat_core.errors import LogError
 from hippomat_logs.opened_run import OpenedRun, group_opened, log_files
 from hippomat_logs.part import END_METADATA, RECOVERY_METADATA
 from hippomat_logs.report import DAMAGED, REPRODUCED
+from hippomat_logs.shortfalls import ENDED_EARLY
 from hippomat_logs.sources import FusedSource, McapSource, Source, opened_sources
 
 
@@ -63,7 +64,7 @@ def state_of(opened: OpenedRun) -> dict[str, Any]:
     if not opened.manifest:
         text, complete = "not recorded by hippomat", True
     elif any(_manifest(source).get("recovered") for source in opened.sources):
-        text, complete = "recovered after a crash: its last moments are missing", True
+        text, complete = ENDED_EARLY, True
     elif complete:
         text = "finished"
     else:

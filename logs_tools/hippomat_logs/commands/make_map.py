@@ -18,6 +18,7 @@ from hippomat_logs.map_files import save_map
 from hippomat_logs.map_from_log import SweepCount, sweeps_of
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.report import DAMAGED, REPRODUCED
+from hippomat_logs.shortfalls import not_whole, shortfalls, whose_log
 
 SPLIT_SHARE = 0.2  # of the sweeps without a match: what comes out is hardly a map
 
@@ -58,9 +59,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
             f"{made.unmatched} of {count.taken} sweeps fitted nothing before them: look at the map before use"
         )
         console.print(text, style="yellow", markup=False)
-    for line in recorded.lost:
-        console.print(f"lost: {line}", style="yellow", markup=False)
-    return DAMAGED if recorded.lost else REPRODUCED
+    lacks = shortfalls(recorded)
+    for line in not_whole(whose_log(recorded.robot), lacks):
+        console.print(line, style="yellow", markup=False)
+    return DAMAGED if lacks else REPRODUCED
 
 
 def _one_run(paths: list[Path]) -> Run:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -40,6 +41,7 @@ from hippomat_logs.metrics.trial_tables import (
 from hippomat_logs.metrics.trials import BY_DIRECTORY, BY_TIME, TrialFiles, find_trials
 from hippomat_logs.metrics.truth import against_truth
 from hippomat_logs.metrics.truth_files import read_truth
+from hippomat_logs.paragraphs import say
 from hippomat_logs.reader import Run
 from hippomat_logs.report import DAMAGED, REPRODUCED
 
@@ -96,6 +98,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
         raise HippomatError(f"--baseline {options.baseline} needs --by KEY: a value of the first KEY")
     found = find_trials(options.paths, options.trials)
     errors = Console(stderr=True, highlight=False)
+    for line in found.twice:
+        errors.print(f"counted once: {line}", style="yellow", markup=False, soft_wrap=True)
     if not found.trials and not found.damaged and found.foreign:
         more = f"; and so for {len(found.foreign) - 1} more" if len(found.foreign) > 1 else ""
         raise HippomatError(found.foreign[0] + more)
@@ -126,10 +130,12 @@ def _one_trial(trial: TrialFiles, options: argparse.Namespace, console: Console)
     errors = None
     if truth is not None:
         errors = against_truth(runs, clocks.alignment, truth, map_frame=options.truth_frame == MAP_FRAME)
+    code = DAMAGED if metrics.not_whole else REPRODUCED
+    guess = trial.doubt(clocks.linked)
     if options.json:
-        facts = fleet_as_json(metrics)
+        facts = {**fleet_as_json(metrics), "grouping": guess or None}
         print(json.dumps(facts if errors is None else {**facts, "truth": truth_as_json(errors)}, indent=2))
-        return REPRODUCED
+        return code
     console.print(metrics_table(metrics))
     for line in fleet_lines(metrics):
         console.print(line, markup=False)
@@ -143,7 +149,9 @@ def _one_trial(trial: TrialFiles, options: argparse.Namespace, console: Console)
         for title, table in link_tables(metrics):
             console.print(f"\n{title}", style="bold", markup=False)
             console.print(table)
-    return REPRODUCED
+    for line in [*metrics.not_whole, *([guess] if guess else [])]:
+        say(console, line, 0, "yellow")
+    return code
 
 
 def read_fleet(trial: TrialFiles, trust_clocks: bool) -> tuple[list[Run], Clocks, FleetMetrics]:
@@ -197,14 +205,15 @@ def _many_trials(
     size = sum(trial.size for trial in trials)
     work = partial(_read_trial, options.trust_clocks)
     read = [
-        Trial(trial.name, fact, trial.pairing, *result)
-        for trial, fact, result in zip(trials, facts, each_item(trials, work, "trials", size), strict=True)
+        Trial(trial.name, fact, trial.pairing, one.figures, one.error, one.notes, one.whole)
+        for trial, fact, one in zip(trials, facts, each_item(trials, work, "trials", size), strict=True)
     ]
     for trial in read:
         if trial.error:
-            errors.print(
-                f"left out: trial {trial.name}: {trial.error}", style="red", markup=False, soft_wrap=True
-            )
+            line = f"left out: trial {trial.name}: {trial.error}"
+            errors.print(line, style="red", markup=False, soft_wrap=True)
+        for note in trial.notes:
+            errors.print(f"trial {trial.name}: {note}", style="yellow", markup=False, soft_wrap=True)
     good = sorted(
         (trial for trial in read if not trial.error), key=lambda trial: tuple(map(_rank, trial.facts))
     )
@@ -214,17 +223,31 @@ def _many_trials(
     if not options.by and len(good) > 1:
         groups.append(Group((ALL,), tuple(good)))
     _print_groups(groups, keys, figures, options, console)
-    return REPRODUCED if len(good) == len(read) else DAMAGED
+    return REPRODUCED if all(trial.whole for trial in read) else DAMAGED
 
 
-def _read_trial(trust_clocks: bool, trial: TrialFiles) -> tuple[dict[str, float], str]:
-    """In a process of its own: figures, or why there are none."""
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """What a trial gave. error: why it gave no figures; notes: what to mind of them."""
+
+    figures: dict[str, float] = field(default_factory=dict)
+    error: str = ""
+    notes: tuple[str, ...] = ()
+    whole: bool = False
+
+
+def _read_trial(trust_clocks: bool, trial: TrialFiles) -> _Read:
+    """In a process of its own."""
     try:
         runs = [logged.open() for logged in trial.runs]
         robots = [robot_metrics(run) for run in runs]
-        return figures_of(fleet_metrics(runs, robots, clocks_of(runs, trusted=trust_clocks))), ""
+        clocks = clocks_of(runs, trusted=trust_clocks)
+        fleet = fleet_metrics(runs, robots, clocks)
     except HippomatError as error:
-        return {}, str(error)
+        return _Read(error=str(error))
+    of_fleet = f"{fleet.coverage} of the fleet: totals lack what the other robots did"
+    notes = (*fleet.not_whole, of_fleet if fleet.coverage else "", trial.doubt(clocks.linked))
+    return _Read(figures_of(fleet), "", tuple(note for note in notes if note), not fleet.not_whole)
 
 
 def _print_groups(

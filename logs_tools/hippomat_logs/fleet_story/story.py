@@ -19,6 +19,7 @@ from hippomat_logs.each_file import progress_bar
 from hippomat_logs.fleet_story.reading import KINDS, Keep, RobotReading, requests_only
 from hippomat_logs.fleet_story.values import NO_ROUND, Claim, RobotStory
 from hippomat_logs.reader import Run
+from hippomat_logs.shortfalls import not_whole, shortfalls, whose_log
 
 _STEP = 2000  # records between two moves of the progress bar
 Progress = Callable[[int], None]
@@ -47,9 +48,13 @@ class FleetStory:
         return sorted(claims, key=lambda claim: (claim.requested.round, claim.robot))
 
     @property
-    def lost(self) -> list[str]:
-        """What the logs themselves say that they lost."""
-        return [f"robot {story.robot}: {line}" for story in self.robots.values() for line in story.lost]
+    def not_whole(self) -> list[str]:
+        """What the logs themselves say that they lack."""
+        return [
+            line
+            for story in self.robots.values()
+            for line in not_whole(whose_log(story.robot), shortfalls(story))
+        ]
 
     def config(self, robot: int) -> Config:
         return self.runs[robot][0].config
@@ -135,7 +140,7 @@ def _joined(parts: Sequence[RobotStory], runs: Sequence[Run]) -> RobotStory:
             getattr(whole, name).extend(getattr(part, name))
         for name in ("decisions", "sent", "said"):
             getattr(whole, name).update(getattr(part, name))
-        whole.map, whole.recovered = whole.map or part.map, part.recovered
+        whole.map, whole.recovered = whole.map or part.map, whole.recovered or part.recovered
     return whole
 
 

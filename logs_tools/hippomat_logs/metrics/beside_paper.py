@@ -11,8 +11,9 @@ from hippomat_logs.metrics.figures import NONE, number
 from hippomat_logs.metrics.fleet import FleetMetrics
 
 CAVEAT = (
-    "The paper states neither its instances and map nor its unit of cost and number of continuous tasks,\n"
-    "and this is another place: compare orders of methods, not sizes."
+    "The paper states neither its instances and map nor its unit of cost and number\n"
+    "of continuous tasks, and this is another place: compare orders of methods, not\n"
+    "sizes."
 )
 
 
@@ -60,22 +61,24 @@ def _rows(metrics: FleetMetrics, config: Config, method: str, fixed: bool) -> tu
         else (paper.CONTINUOUS_COST, paper.CONTINUOUS_SUCCESS)
     )
     done = len(metrics.completed)
-    cost_text = number(metrics.travel_cost_s, 1)
+    cost_text, of = number(metrics.travel_cost_s, 1), metrics.coverage and f" ({metrics.coverage})"
     rows = [
         PaperRow(
             "total travel cost",
-            cost_text if cost_text == NONE else f"{cost_text} s, {done} tasks",
+            cost_text if cost_text == NONE else f"{cost_text} s, {done} tasks{of}",
             paper.paper_value(cost, method, size),
         ),
         PaperRow(
             "conflict-free success rate [%]",
-            number(100 * metrics.conflict_free_rate, 1),
+            f"{number(100 * metrics.conflict_free_rate, 1)}{of}",
             paper.paper_value(success, method, size),
         ),
     ]
     if fixed:
         time = paper.paper_value(paper.FIXED_TIME, method, size)
-        rows.append(PaperRow("time to allocate all tasks [s]", number(metrics.all_allocated_s, 1), time))
+        rows.append(
+            PaperRow("time to allocate all tasks [s]", f"{number(metrics.all_allocated_s, 1)}{of}", time)
+        )
     return tuple(rows)
 
 

@@ -18,13 +18,15 @@ Figures = Mapping[str, float]  # key -> value, nan: none
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What one trial's logs gave. error: why they gave nothing."""
+    """What one trial's logs gave. error: why they gave nothing. notes: what to mind of the figures."""
 
     name: str
     facts: tuple[str, ...]  # in the order of --by
     pairing: tuple[str, ...]  # equal: the same instance
     figures: Figures = field(default_factory=dict)
     error: str = ""
+    notes: tuple[str, ...] = ()
+    whole: bool = True  # none of its logs lacks anything
 
 
 @dataclass(frozen=True, slots=True)

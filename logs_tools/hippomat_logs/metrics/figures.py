@@ -14,7 +14,7 @@ import numpy as np
 from hippomat_core.errors import HippomatError
 from hippomat_logs.metrics.fleet import FleetMetrics
 from hippomat_logs.metrics.links import LinkMetrics
-from hippomat_logs.metrics.samples import quantiles
+from hippomat_logs.metrics.samples import mean, quantiles
 
 NONE = "-"
 
@@ -44,24 +44,14 @@ def per_task(total: Callable[[FleetMetrics], float]) -> Callable[[FleetMetrics],
     return of
 
 
-def _links(of: Callable[[LinkMetrics], float]) -> Callable[[FleetMetrics], float]:
+def over_links(of: Callable[[LinkMetrics], float]) -> Callable[[FleetMetrics], float]:
     """Mean over the directions that have a value."""
     return lambda fleet: mean(of(link) for robot in fleet.robots for link in robot.links)
-
-
-def mean(values: Iterable[float]) -> float:
-    """Of those that are numbers; nan where none is."""
-    known = [value for value in values if not math.isnan(value)]
-    return sum(known) / len(known) if known else math.nan
 
 
 def most(values: Iterable[float]) -> float:
     """The largest of those that are numbers; nan where none is."""
     return max((value for value in values if not math.isnan(value)), default=math.nan)
-
-
-def _latency_ms(fleet: FleetMetrics) -> float:
-    return mean(one.median_ms for one in fleet.latencies)
 
 
 def _compute_ms(share: float) -> Callable[[FleetMetrics], float]:
@@ -87,10 +77,10 @@ FIGURES: tuple[Figure, ...] = (
     Figure("delivery", "frames delivered", "%", 1, lambda f: 100.0 * f.delivery),
     Figure("in_time", "rows in time", "%", 1, lambda f: 100.0 * f.rows_in_time),
     Figure("relayed", "of them relayed", "%", 1, lambda f: 100.0 * f.rows_relayed),
-    Figure("rssi", "RSSI", "dBm", 0, _links(lambda link: link.rssi_dbm)),
-    Figure("state_age", "age of STATE", "ms", 0, _links(lambda link: link.state_age_ms)),
-    Figure("row_age", "age of rows", "ms", 0, _links(lambda link: link.row_age_ms)),
-    Figure("latency", "STATE core to core", "ms", 1, _latency_ms),
+    Figure("rssi", "RSSI", "dBm", 0, over_links(lambda link: link.rssi_dbm)),
+    Figure("state_age", "age of STATE", "ms", 0, over_links(lambda link: link.state_age_ms)),
+    Figure("row_age", "age of rows", "ms", 0, over_links(lambda link: link.row_age_ms)),
+    Figure("latency", "STATE core to core", "ms", 1, lambda f: f.latency_ms),
     Figure("compute", "compute, median", "ms", 1, _compute_ms(0.5)),
     Figure("compute_95", "compute, 95 %", "ms", 1, _compute_ms(0.95)),
     Figure("cpu", "processor", "%", 1, lambda f: mean(100.0 * r.computer.cpu_share for r in f.robots)),

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from hippomat_core.config import Config
 from hippomat_core.errors import HippomatError, LogError
-from hippomat_logs.alignment import Alignment, align_runs
+from hippomat_logs.alignment import Alignment, align_runs, how_sure
 from hippomat_logs.definitions import Task, conflict_free_rate
 from hippomat_logs.metrics.latency import LatencyMetrics, Times, whole_latencies
 from hippomat_logs.metrics.robot import KINDS, Completed, MetricsReading, RobotMetrics
-from hippomat_logs.metrics.samples import together
+from hippomat_logs.metrics.samples import mean, together
 from hippomat_logs.reader import Run, open_runs
+from hippomat_logs.shortfalls import not_whole, shortfalls, whose_log
 
 CommonNs = Callable[[Times], Times]  # a log's own times -> the fleet's
 
@@ -37,9 +38,34 @@ class FleetMetrics:
     @property
     def duration_s(self) -> float:
         """From the first robot's first record to the last one's last."""
-        begun = [robot.begun_s for robot in self.robots if not math.isnan(robot.begun_s)]
-        ended = [robot.begun_s + robot.duration_s for robot in self.robots if not math.isnan(robot.begun_s)]
-        return max(ended) - min(begun) if begun else 0.0
+        spans = [(one.begun_s, one.begun_s + one.duration_s) for one in self._timed]
+        spans = [span for span in spans if not math.isnan(span[0])]
+        return max(end for _, end in spans) - min(begin for begin, _ in spans) if spans else 0.0
+
+    @property
+    def _timed(self) -> list[RobotMetrics]:
+        """Those whose times can be compared."""
+        return [robot for robot in self.robots if robot.on_fleet_clock]
+
+    @property
+    def recorded(self) -> int:
+        """How many of the fleet's robots have a log here."""
+        return len({robot.robot for robot in self.robots if robot.robot >= 0})
+
+    @property
+    def size(self) -> int:
+        """Robots of the roster; all that recorded where no configuration is known."""
+        return max(self.recorded, self.config.fleet.size if self.config is not None else 0)
+
+    @property
+    def coverage(self) -> str:
+        """ "1 of 5 logs"; empty where every robot of the roster has one."""
+        return f"{self.recorded} of {self.size} logs" if self.recorded < self.size else ""
+
+    @property
+    def not_whole(self) -> list[str]:
+        """What the logs themselves say that they lack."""
+        return [line for robot in self.robots for line in not_whole(whose_log(robot.robot), robot.lacks)]
 
     @property
     def completed(self) -> list[Completed]:
@@ -80,7 +106,7 @@ class FleetMetrics:
     @property
     def allocation_s(self) -> list[float]:
         """First robot to know a task -> first confirmed claim on it."""
-        seen, confirmed = (_earliest(getattr(r, name) for r in self.robots) for name in ("seen", "confirmed"))
+        seen, confirmed = (_earliest(getattr(r, name) for r in self._timed) for name in ("seen", "confirmed"))
         return [max(0.0, at_s - seen[task]) for task, at_s in confirmed.items() if task in seen]
 
     @property
@@ -90,7 +116,7 @@ class FleetMetrics:
     @property
     def all_allocated_s(self) -> float:
         """First task known -> the last task's first confirmed claim; nan where nothing was confirmed."""
-        seen, confirmed = (_earliest(getattr(r, name) for r in self.robots) for name in ("seen", "confirmed"))
+        seen, confirmed = (_earliest(getattr(r, name) for r in self._timed) for name in ("seen", "confirmed"))
         return max(confirmed.values()) - min(seen.values()) if seen and confirmed else math.nan
 
     @property
@@ -104,6 +130,11 @@ class FleetMetrics:
     @property
     def radio_to_host_ms(self) -> NDArray[np.float64]:
         return together([robot.radio_to_host_ms for robot in self.robots])
+
+    @property
+    def latency_ms(self) -> float:
+        """STATE from core to core: the mean over the links of each one's median."""
+        return mean(one.median_ms for one in self.latencies)
 
     @property
     def delivery(self) -> float:
@@ -137,6 +168,7 @@ class Clocks:
 
     alignment: Alignment
     text: str
+    linked: bool = True  # False: nothing in the logs shows that the robots ran together
 
 
 def run_metrics(paths: Sequence[Path]) -> FleetMetrics:
@@ -146,24 +178,32 @@ def run_metrics(paths: Sequence[Path]) -> FleetMetrics:
 
 
 def clocks_of(runs: Sequence[Run], *, trusted: bool = False) -> Clocks:
-    """By the frames that the robots heard of each other; by their wall clocks where that cannot be."""
+    """By the frames that the robots heard of each other; by their wall clocks where that cannot be.
+
+    A robot that shares no frames keeps its own clock; the others' are one all the same.
+    """
     if len(runs) < 2 or trusted:
         return Clocks(Alignment.trusting(runs), "the robots' wall clocks, trusted" if len(runs) > 1 else "")
     try:
-        alignment = align_runs(runs)
+        alignment = align_runs(runs, strangers=True)
     except LogError:
         raise
     except HippomatError:
-        return Clocks(Alignment.trusting(runs), "the robots' wall clocks: no radio traffic links all of them")
-    unsure_ms = max(clock.uncertainty_ns for clock in alignment.clocks) / 1e6
-    return Clocks(alignment, f"one clock by the frames they heard of each other, within {unsure_ms:.1f} ms")
+        text = "the robots' wall clocks: no radio traffic links any two of them"
+        return Clocks(Alignment.trusting(runs), text, linked=False)
+    text = f"one clock by the frames they heard of each other, {how_sure(alignment)}"
+    return Clocks(alignment, text + ", and the fleet's times leave it out" * bool(alignment.strangers))
 
 
 def fleet_metrics(runs: Sequence[Run], robots: Sequence[RobotMetrics], clocks: Clocks) -> FleetMetrics:
     """The robots' figures, one for each run, on one clock."""
     common = [partial(clocks.alignment.common_ns_array, run) for run in runs]
-    found = on_one_clock(robots, common, runs[0].config if runs else None, clocks.text)
-    return replace(found, clocks=found.clocks + _doubt(found.robots))
+    placed = [
+        replace(robot, on_fleet_clock=not clocks.alignment.is_stranger(run))
+        for run, robot in zip(runs, robots, strict=True)
+    ]
+    found = on_one_clock(placed, common, runs[0].config if runs else None, clocks.text)
+    return replace(found, clocks=found.clocks + _doubt(found._timed))
 
 
 def on_one_clock(
@@ -194,7 +234,7 @@ def robot_metrics(run: Run) -> RobotMetrics:
     reading = MetricsReading(run.robot, run.config)
     for record in run.records_in_order(KINDS):
         reading.feed(record)
-    return reading.result()
+    return replace(reading.result(), lacks=shortfalls(run))
 
 
 def _earliest(tables: Iterable[dict[Task, float]]) -> dict[Task, float]:

@@ -12,14 +12,15 @@ from rich.table import Table
 
 from hippomat_core.wire.frames import OPERATOR
 from hippomat_logs.definitions import TICKS_PER_S
-from hippomat_logs.metrics.figures import NONE, mean, most, number
+from hippomat_logs.metrics.figures import NONE, most, number, over_links
 from hippomat_logs.metrics.fleet import FleetMetrics
 from hippomat_logs.metrics.links import LinkMetrics
 from hippomat_logs.metrics.robot import RobotMetrics
 from hippomat_logs.metrics.same_motion import Rigid
-from hippomat_logs.metrics.samples import Samples, quantiles, together
+from hippomat_logs.metrics.samples import Samples, mean, quantiles, together
 from hippomat_logs.metrics.truth import PoseErrors, TruthMetrics
 
+_OVER_LINKS = " (mean of the links' medians)"
 _BAD_COUNTERS = ("dropped", "send_failed", "replaced")
 _COLUMNS = (
     "robot",
@@ -48,6 +49,7 @@ def metrics_table(metrics: FleetMetrics) -> Table:
 def fleet_lines(metrics: FleetMetrics) -> list[str]:
     """What a table cannot say."""
     return [
+        *_who_lines(metrics),
         *_task_lines(metrics),
         *_link_lines(metrics),
         *_computer_lines(metrics),
@@ -55,6 +57,11 @@ def fleet_lines(metrics: FleetMetrics) -> list[str]:
         *_trouble_lines(metrics),
         *([f"clocks: {metrics.clocks}"] if metrics.clocks else []),
     ]
+
+
+def _who_lines(metrics: FleetMetrics) -> Iterator[str]:
+    if metrics.coverage:
+        yield f"{metrics.coverage} of the fleet: totals lack what the other robots did"
 
 
 def _task_lines(metrics: FleetMetrics) -> Iterator[str]:
@@ -81,9 +88,8 @@ def _link_lines(metrics: FleetMetrics) -> Iterator[str]:
         f"frames delivered: {number(100 * metrics.delivery, 1)} %, "
         f"least {number(100 * worst.delivery, 1)} % from {name_of(worst.sender)} to {name_of(to)}"
     )
-    rssi = [link.rssi_dbm for _, link in links]
-    low = min(link.rssi_low_dbm for _, link in links)
-    yield f"RSSI: median {number(quantiles(rssi)[0], 0)} dBm, worst 5 % of a link {number(low, 0)} dBm"
+    rssi_dbm, low = over_links(lambda link: link.rssi_dbm), min(link.rssi_low_dbm for _, link in links)
+    yield f"RSSI: {number(rssi_dbm(metrics), 0)} dBm{_OVER_LINKS}, worst 5 % of a link {number(low, 0)} dBm"
     in_time, relayed = number(100 * metrics.rows_in_time, 1), number(100 * metrics.rows_relayed, 1)
     yield f"rows there in time for decisions: {in_time} %, {relayed} % of them passed on by a third robot"
     ages = [
@@ -92,11 +98,10 @@ def _link_lines(metrics: FleetMetrics) -> Iterator[str]:
     longest = number(most(link.longest_gap_ms for _, link in links), 0)
     yield f"age of information: {ages[0]} ms by STATE, longest gap {longest} ms; {ages[1]} ms in decisions"
     if metrics.latencies:
-        medians = [one.median_ms for one in metrics.latencies if one.frames]
-        highs = [one.high_ms for one in metrics.latencies if one.frames]
-        middle, high = number(quantiles(medians)[0], 1), number(most(highs), 1)
-        yield f"STATE from core to core: median {middle} ms, 95 % of the slowest link {high} ms"
-    yield f"  radio to radio: {spread(metrics.air_ms, 2, 'ms')}"
+        middle = number(metrics.latency_ms, 1)
+        high = number(most(one.high_ms for one in metrics.latencies), 1)
+        yield f"STATE core to core: {middle} ms{_OVER_LINKS}, 95 % of the slowest link {high} ms"
+    yield f"  radio to radio, airtime included: {spread(metrics.air_ms, 2, 'ms')}"
     yield f"  radio to host, above the fastest: {spread(metrics.radio_to_host_ms, 1, 'ms')}"
 
 
@@ -135,8 +140,6 @@ def _trouble_lines(metrics: FleetMetrics) -> Iterator[str]:
             yield f"{who}: was stuck and tried {tried}"
         if robot.radio_reboots:
             yield f"{who}: its radio rebooted {robot.radio_reboots} times"
-        for cause, count in robot.records_lost.items():
-            yield f"{who}: its log lost {count:,} records: {cause}"
 
 
 def link_tables(metrics: FleetMetrics) -> list[tuple[str, Table]]:
@@ -241,7 +244,7 @@ def _fleet_row(metrics: FleetMetrics) -> list[str]:
     robots = metrics.robots
     received, lost = sum(r.frames_received for r in robots), sum(r.frames_lost for r in robots)
     return [
-        "fleet",
+        metrics.coverage.removesuffix(" logs") or "fleet",
         str(len(metrics.completed)),
         number(metrics.travel_cost_s, 1),
         number(metrics.travel_time_s, 1),

@@ -129,7 +129,7 @@ def _fleet_size(manifest: dict[str, str]) -> int:
 def _are_one(group: Sequence[LoggedRun], other: Sequence[LoggedRun]) -> bool:
     if group[0].manifest.get("fleet") != other[0].manifest.get("fleet"):
         return False
-    if not (_hangs_together(group) and _hangs_together(other)):
+    if not (hang_together(group) and hang_together(other)):
         return False
     shorter_ns = min(_length_ns(group), _length_ns(other))
     if _overlap_ns(group, other) < max(1, MIN_OVERLAP * shorter_ns):
@@ -137,7 +137,7 @@ def _are_one(group: Sequence[LoggedRun], other: Sequence[LoggedRun]) -> bool:
     return not any(a.robot == b.robot and _overlap_ns([a], [b]) > 0 for a in group for b in other)
 
 
-def _hangs_together(group: Sequence[LoggedRun]) -> bool:
+def hang_together(group: Sequence[LoggedRun]) -> bool:
     """False: its clocks are so far apart that the time between says nothing."""
     spans = sorted((run.begun_ns, run.ended_ns) for run in group)
     return all(begun <= max(end for _, end in spans[:k]) for k, (begun, _) in enumerate(spans) if k)

@@ -70,6 +70,8 @@ class RobotMetrics:
     radio_to_host_ms: Samples = field(default_factory=Samples)  # above the fastest of each 2 s
     passages: Passages = field(default_factory=Passages)
     records_lost: dict[str, int] = field(default_factory=dict)  # by the recorder: cause -> records
+    lacks: list[str] = field(default_factory=list)  # why its log is not whole, if it is not
+    on_fleet_clock: bool = True  # False: its times of day are its own, and mean nothing to other robots
     driven_m: float = 0.0
     path: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2), np.float32))
     # (n, 2) x, y [m], map frame: a point for every MIN_STEP_M

@@ -70,3 +70,9 @@ def quantiles(values: ArrayLike | Samples) -> tuple[float, float, float]:
     if not array_.size:
         return math.nan, math.nan, math.nan
     return float(np.median(array_)), float(array_.mean()), float(np.percentile(array_, 95))
+
+
+def mean(values: Iterable[float]) -> float:
+    """Of those that are numbers; nan where none is."""
+    known = [value for value in values if not math.isnan(value)]
+    return sum(known) / len(known) if known else math.nan

@@ -15,8 +15,16 @@ from pathlib import Path
 from typing import Any
 
 from hippomat_core.errors import HippomatError, LogError
-from hippomat_logs.metrics.grouping import LoggedRun, by_directory, by_fused_file, by_time, span_ns
-from hippomat_logs.opened_run import OpenedRun, group_opened, log_files
+from hippomat_logs.copies import refuse_other_version
+from hippomat_logs.metrics.grouping import (
+    LoggedRun,
+    by_directory,
+    by_fused_file,
+    by_time,
+    hang_together,
+    span_ns,
+)
+from hippomat_logs.opened_run import OpenedRun, group_opened, log_files, manifest_of
 from hippomat_logs.sources import FusedSource, Source, opened_sources
 
 BY_TIME, BY_DIRECTORY = "time", "dir"
@@ -40,6 +48,19 @@ class TrialFiles:
     directory: Path
     root: Path
     name: str
+    guessed: bool = False  # put together by times and settings; else by whoever fused or sorted the files
+
+    def doubt(self, linked: bool) -> str:
+        """Why its runs may be no trial; linked: they heard each other's frames, which settles it."""
+        if linked or not self.guessed or self.robots < 2:
+            return ""
+        why = (
+            "their times overlap" if hang_together(self.runs) else "nothing but their times speaks against it"
+        )
+        return (
+            f"{len(self.runs)} runs without a frame in common were taken for one fleet, as {why}; "
+            "if each is a trial: give them a directory each and --trials dir"
+        )
 
     @property
     def size(self) -> int:
@@ -72,11 +93,12 @@ class TrialFiles:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Trials by name, and a line for every file that is none of ours or cannot be opened."""
+    """Trials by name; a line for every file that is none of ours, cannot be opened, or is there twice."""
 
     trials: list[TrialFiles]
     foreign: list[str]
     damaged: list[str]
+    twice: list[str]
 
 
 def find_trials(paths: Sequence[Path], by: str = BY_TIME) -> Found:
@@ -92,17 +114,49 @@ def find_trials(paths: Sequence[Path], by: str = BY_TIME) -> Found:
             damaged.append(str(error))
         except HippomatError as error:
             foreign.append(str(error))
+    sources, twice = _once(sources)
     opened = group_opened(sources)
     runs = [_logged(one) for one in opened if one.manifest]
     foreign += [f"{one.sources[0].path}: not a robot's log of ours" for one in opened if not one.manifest]
     root = _root(paths)
-    fused = by_fused_file(runs)
+    fused = _new_ones(by_fused_file(runs), twice)
     own = [run for run in runs if not run.inside]
     groups = by_directory(own, paths) if by == BY_DIRECTORY else by_time(own, root)
-    return Found(_named([*groups, *fused], root), foreign, damaged)
+    return Found(_named([*groups, *fused], root, guessed=by == BY_TIME), foreign, damaged, twice)
 
 
-def _named(groups: list[list[LoggedRun]], root: Path) -> list[TrialFiles]:
+def _once(sources: Sequence[Source]) -> tuple[list[Source], list[str]]:
+    """Without copies of a part, and a line for each. HippomatError where two of one part differ."""
+    first: dict[tuple[str, ...], Source] = {}
+    kept, twice = list[Source](), list[str]()
+    for source in sources:
+        facts = manifest_of(source)
+        part = facts.get("robot", ""), facts.get("session_id", ""), facts.get("part", "0")
+        fused = isinstance(source, FusedSource) or not part[1]
+        other = source if fused else first.setdefault(part, source)
+        if other is source:
+            kept.append(source)
+        else:
+            refuse_other_version(source.path, other.path)
+            twice.append(f"{source.path} is a copy of {other.path}")
+    return kept, twice
+
+
+def _new_ones(fused: Sequence[list[LoggedRun]], twice: list[str]) -> list[list[LoggedRun]]:
+    """Fused files without those that hold a run of another one, which holds as many or more."""
+    holders: dict[tuple[int, str], Path] = {}
+    kept = []
+    for group in sorted(fused, key=lambda group: -len(group)):
+        keys = [(run.robot, run.manifest.get("session_id", "")) for run in group]
+        if other := next((holders[key] for key in keys if key in holders), None):
+            twice.append(f"{group[0].paths[0]} holds the runs of {other}")
+            continue
+        holders |= dict.fromkeys(keys, group[0].paths[0])
+        kept.append(group)
+    return kept
+
+
+def _named(groups: list[list[LoggedRun]], root: Path, guessed: bool) -> list[TrialFiles]:
     """By the directory that holds a trial, and the time of its start where that holds several.
 
     By its file where it is fused.
@@ -120,7 +174,7 @@ def _named(groups: list[list[LoggedRun]], root: Path) -> list[TrialFiles]:
             begun = datetime.fromtimestamp(span_ns(group)[0] / 1e9, timezone.utc)
             name += f" {begun:%Y-%m-%dT%H:%M:%SZ}"
         runs = tuple(sorted(group, key=lambda run: (run.robot, run.begun_ns)))
-        found.append(TrialFiles(runs, place, root, name))
+        found.append(TrialFiles(runs, place, root, name, guessed and not group[0].inside))
     return found
 
 

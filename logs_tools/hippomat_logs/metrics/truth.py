@@ -18,9 +18,9 @@ from hippomat_core.errors import HippomatError
 from hippomat_core.messages import Localized, PoseEstimated
 from hippomat_core.slam.poses import seen_from, wrapped
 from hippomat_logs.alignment import Alignment
-from hippomat_logs.metrics.figures import mean
 from hippomat_logs.metrics.robot import MIN_STEP_M
 from hippomat_logs.metrics.same_motion import Match, Rigid, match
+from hippomat_logs.metrics.samples import mean
 from hippomat_logs.metrics.truth_files import Floats, Track, Truth
 from hippomat_logs.reader import Run
 

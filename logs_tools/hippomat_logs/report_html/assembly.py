@@ -30,6 +30,7 @@ from hippomat_logs.report_html.data import (
     on_clock,
 )
 from hippomat_logs.report_html.logs import ReadLog
+from hippomat_logs.shortfalls import not_whole
 
 STEPS_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0)
 MOST_POSES = 300_000  # of all robots together: some 2 MB of the file
@@ -67,7 +68,7 @@ def assemble(
         age_counts=np.sum([one.reading.age_counts for one in read], axis=0),
         facts=_facts(read, begun_ns, span_s, clocks),
         warnings=[
-            *(f"{one.log.who}: {fault}" for one in read for fault in one.faults),
+            *(line for one in read for line in not_whole(one.log.who, one.faults)),
             *([doubt] if doubt else []),
         ],
     )
@@ -217,7 +218,7 @@ def _facts(read: Sequence[ReadLog], begun_ns: int, span_s: float, clocks: str) -
     configs = [one.log.run.config for one in read]
     return [
         Fact("Begun", f"{begun}, {span_s:.1f} s long"),
-        Fact("Logs", _logs(read)),
+        _logs(read),
         _same("Allocator", [config.fleet.allocator for config in configs]),
         _same("Turnover", [config.fleet.turnover for config in configs]),
         _same("Task slots", [str(config.fleet.task_slots) for config in configs]),
@@ -229,8 +230,8 @@ def _facts(read: Sequence[ReadLog], begun_ns: int, span_s: float, clocks: str) -
     ]
 
 
-def _logs(read: Sequence[ReadLog]) -> str:
-    """Whose logs they are, by the computer that recorded them."""
+def _logs(read: Sequence[ReadLog]) -> Fact:
+    """Whose logs they are, by the computer that recorded them, and how many of the fleet's."""
     by_host: dict[str, list[int]] = {}
     for one in read:
         by_host.setdefault(one.log.manifest.get("host", "?"), []).append(one.log.robot)
@@ -239,7 +240,11 @@ def _logs(read: Sequence[ReadLog]) -> str:
         robots = [robot for robot in logs if robot >= 0]
         who = [named(robots)] * bool(robots) + ["the observer"] * (len(robots) < len(logs))
         told.append(f"{' and '.join(who)} ({host})")
-    return "; ".join(told)
+    have = len({one.log.robot for one in read if one.log.robot >= 0})
+    size = max(one.log.run.config.fleet.size for one in read)
+    if have < size:
+        told.append(f"{have} of the fleet's {size}: totals lack what the others did")
+    return Fact("Logs", "; ".join(told), bad=have < size)
 
 
 def _short(hash_: str) -> str:
@@ -259,7 +264,7 @@ def _replayable(read: Sequence[ReadLog]) -> Fact:
     if lost := [one.log.who for one in read if one.weights_lost]:
         return Fact("Replay", f"the weights that decided are lost: {', '.join(lost)}", bad=True)
     if any(one.faults for one in read):
-        return Fact("Replay", "up to the first lost record", bad=True)
+        return Fact("Replay", "as far as the logs go: not all are whole", bad=True)
     if all(one.log.robot < 0 for one in read):
         return Fact("Replay", "an observer decides nothing")
     if any(one.log.manifest.get("core_hash") != core_hash() for one in read):

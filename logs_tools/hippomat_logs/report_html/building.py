@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.errors import HippomatError
-from hippomat_logs.alignment import Alignment, align_runs
+from hippomat_logs.alignment import Alignment, align_runs, how_sure
 from hippomat_logs.each_file import each_item, progress_bar
 from hippomat_logs.fleet_story.conflicts import Conflict, conflicts_of
 from hippomat_logs.reader import Run
@@ -34,6 +34,8 @@ def build(paths: Sequence[Path], trust_clocks: bool = False) -> tuple[ReportData
     size = sum(path.stat().st_size for log in logs for path in log.paths)
     read = list(each_item(logs, partial(read_log, known=known), "reading", size))
     base = _time_base(read, trust_clocks)
+    for one in read:
+        one.metrics.on_fleet_clock = not base.alignment.is_stranger(one.log.run)
     common = [partial(_common_ns, base.alignment, one.log.run) for one in read]
     return assemble(read, common, _conflicts(read), base.clocks, base.doubt), not any(
         one.faults for one in read
@@ -66,23 +68,33 @@ def _time_base(read: Sequence[ReadLog], trust_clocks: bool) -> _TimeBase:
     try:
         with progress_bar() as bar:
             task = bar.add_task("aligning clocks", total=len(runs))
-            alignment = align_runs(runs, progress=lambda _: bar.advance(task))
+            alignment = align_runs(runs, strangers=True, progress=lambda _: bar.advance(task))
     except HippomatError as error:
-        if not _overlap(read):
+        if not _overlap(read, trusting):
             raise
         why = str(error).partition(",")[0]
         return _TimeBase(trusting, clocks, f"{why}: times of different robots are those of their wall clocks")
-    unsure_ms = max(clock.uncertainty_ns for clock in alignment.clocks) / 1e6
-    return _TimeBase(
-        alignment, f"one, by the frames that robots heard of each other, within {unsure_ms:.1f} ms"
-    )
+    clocks, doubt = f"one, by the frames that robots heard of each other, {how_sure(alignment)}", ""
+    if alignment.strangers:
+        who = ", ".join(one.log.who for one in read if alignment.is_stranger(one.log.run))
+        if not _overlap(read, alignment):
+            raise HippomatError(
+                f"no radio traffic links {who} with the others, and by its wall clock it did not run with "
+                "them: leave its log out, or give --trust-clocks"
+            )
+        doubt = f"no radio traffic links {who} with the others: its times are those of its own wall clock"
+    return _TimeBase(alignment, clocks, doubt)
 
 
-def _overlap(read: Sequence[ReadLog]) -> bool:
-    """Whether, by the wall clocks, there was a moment when all of them recorded."""
-    begun_ns = [one.reading.first_ns for one in read]
-    ended_ns = [one.reading.first_ns + round(one.reading.last_s * 1e9) for one in read]
-    return max(begun_ns) < min(ended_ns)
+def _overlap(read: Sequence[ReadLog], alignment: Alignment) -> bool:
+    """Whether there was a moment when all of them recorded."""
+    begun_ns = np.array([one.reading.first_ns for one in read])
+    ended_ns = begun_ns + [round(one.reading.last_s * 1e9) for one in read]
+    moved = [
+        alignment.common_ns_array(one.log.run, np.array(span))
+        for one, span in zip(read, np.stack([begun_ns, ended_ns], axis=1), strict=True)
+    ]
+    return bool(max(span[0] for span in moved) < min(span[1] for span in moved))
 
 
 def _conflicts(read: Sequence[ReadLog]) -> list[Conflict] | None:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_core.messages import Started
+from hippomat_logs.copies import each_part_once
 from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.metrics import KINDS as METRICS_KINDS
 from hippomat_logs.metrics import MetricsReading, RobotMetrics
@@ -21,6 +22,7 @@ from hippomat_logs.records import DropRecord
 from hippomat_logs.recovery import lenient_contents
 from hippomat_logs.report_html.reading import KINDS, LogReading, ViewReader
 from hippomat_logs.schema import CLASSES, TOPICS
+from hippomat_logs.shortfalls import shortfalls, whose_log
 from hippomat_logs.walk import Contents
 
 READ = tuple(dict.fromkeys((Started, *KINDS, *METRICS_KINDS)))
@@ -47,7 +49,7 @@ class FoundLog:
 
     @property
     def who(self) -> str:
-        return f"robot {self.robot}" if self.robot >= 0 else "the observer"
+        return whose_log(self.robot)
 
 
 @dataclass(slots=True)
@@ -72,7 +74,7 @@ def find_logs(paths: Sequence[Path]) -> list[FoundLog]:
             groups.setdefault(key, []).append((int(manifest.get("part", "0")), path, manifest))
     logs: dict[tuple[int, str], FoundLog] = {}
     for robot, session, inside in sorted(groups):  # a run's own files come before a fused one that has it too
-        parts = sorted(groups[robot, session, inside], key=lambda part: part[:2])
+        parts = list(each_part_once(groups[robot, session, inside]))
         log = FoundLog(tuple(path for _, path, _ in parts), parts[0][2], inside)
         logs.setdefault((robot, session), log)
     found = list(logs.values())
@@ -130,9 +132,7 @@ def read_log(log: FoundLog, known: Collection[int]) -> ReadLog:
         found = _fed(log, _what_is_left(log, faults), known)
         found.faults, found.whole = faults, False
         return found
-    found.faults, found.weights_lost = list(run.lost), run.weights_lost
-    if run.recovered:
-        found.faults.insert(0, "recovered after a crash: its last moments are missing")
+    found.faults, found.weights_lost = shortfalls(run), run.weights_lost
     return found
 
 
