@@ -40,7 +40,7 @@ class WithDaemons:
 
 @dataclass(frozen=True, slots=True)
 class InLockstep:
-    """The same records on every recording. kept: the robots whose logs are kept; the others are only heard."""
+    """The same records on every recording. kept: robots whose logs are kept; the others are only heard."""
 
     name: str
     toml: str
@@ -78,7 +78,8 @@ stuck_s = 2.0
 retry_s = 1.0
 wait_s = 1.0
 """,
-        robots=4, tasks=3, seconds=26.0, seed=31, loss=0.15, kept=(0, 1), carried=(Carried(6.0, 0, (2.3, 0.0, 0.0)),),
+        robots=4, tasks=3, seconds=26.0, seed=31, loss=0.15, kept=(0, 1),
+        carried=(Carried(6.0, 0, (2.3, 0.0, 0.0)),),
     ),
 )  # fmt: skip
 
