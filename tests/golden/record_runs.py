@@ -10,7 +10,7 @@ import argparse
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -56,11 +56,27 @@ class InLockstep:
 
 RUNS = (
     WithDaemons("three_wheels", "--robots 3 --tasks 4 --seconds 15 --loss 0.3 --seed 11 --no-slam"),
-    WithDaemons("one_slam", "--robots 1 --tasks 2 --seconds 16 --seed 12 --speed 0.4"),
+    # Pushed aside before it starts; once it has completed a task it is carried to where the room looks alike.
+    WithDaemons(
+        "one_slam",
+        "--robots 1 --tasks 2 --seconds 20 --seed 12 --speed 0.4 "
+        "--carry 2.5:0:1.2,-0.45,-1.1 --carry 15:0:-1.2,1.9,0.5",
+    ),
     # Fewer tasks than robots, so that somebody waits for each that opens; robot 2 falls silent with a claim.
     InLockstep(
         "scarce_tasks", NEAR_SIGHTED + "[fleet]\ndwell_s = 0.3\n", robots=4, tasks=2, seconds=22.0, seed=21,
-        loss=0.3, kept=(1, 3), leave_s={2: 9.0},
+        loss=0.3, kept=(3,), leave_s={2: 9.0},
+    ),
+    # Everybody wants the nearest task, and robot 1 falls silent with one: conflicts, and votes that rest.
+    InLockstep(
+        "contested_tasks",
+        NEAR_SIGHTED + """
+[fleet]
+allocator = "nearest"
+turnover = "on_completion"
+dwell_s = 0.3
+""",
+        robots=5, tasks=3, seconds=22.0, seed=41, loss=0.4, kept=(2, 4), leave_s={1: 8.0},
     ),
     # Robot 0 is put before a wall that its wheels know nothing of, is stuck, and hands its task to robot 1.
     InLockstep(
@@ -89,18 +105,27 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--reason", required=True, help="why they are recorded anew")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="of the runs (default: all of them)")
     parser.add_argument("--allow-dirty", action="store_true", help="record with changes not committed")
     options = parser.parse_args()
     try:
         HERE.mkdir(exist_ok=True)
         blessing = blessing_of(HERE, options.reason, options.allow_dirty)
-        for run in RUNS:
+        for run in _chosen(options.names):
             keep(run)
             write_expected(HERE / run.name, blessing)
     except HippomatError as error:
         print(f"record_runs: {error}", file=sys.stderr)
         return 1
     return 0
+
+
+def _chosen(names: Sequence[str]) -> list[WithDaemons | InLockstep]:
+    known = {run.name: run for run in RUNS}
+    for name in names:
+        if name not in known:
+            raise HippomatError(f"{name}: is no golden run; there are {', '.join(known)}")
+    return [known[name] for name in names or known]
 
 
 def keep(run: WithDaemons | InLockstep) -> None:
