@@ -65,7 +65,7 @@ RUNS = (
     # Fewer tasks than robots, so that somebody waits for each that opens; robot 2 falls silent with a claim.
     InLockstep(
         "scarce_tasks", NEAR_SIGHTED + "[fleet]\ndwell_s = 0.3\n", robots=4, tasks=2, seconds=22.0, seed=21,
-        loss=0.3, kept=(3,), leave_s={2: 9.0},
+        loss=0.3, kept=(1,), leave_s={2: 9.0},
     ),
     # Everybody wants the nearest task, and robot 1 falls silent with one: conflicts, and votes that rest.
     InLockstep(
