@@ -28,7 +28,8 @@ from hippomat_logs.schema import CLASSES, MessageStore
 from hippomat_logs.shortfalls import ENDED_EARLY, shortfalls
 from hippomat_logs.sink import ACTIVE
 from hippomat_logs.sources import Source, open_source
-from hippomat_logs.walk import Contents, RawMessage, check_frame
+from hippomat_logs.strict_walk import check_frame
+from hippomat_logs.walk import Contents, RawMessage
 
 DAMAGE, LOSS, REMARK = "damage", "loss", "remark"
 STEP_NS = 1_000_000_000  # log times further apart, or backward, are a clock's step

@@ -29,6 +29,12 @@ _EVENTS, _EFFECTS = frozenset(EVENTS), frozenset(EFFECTS)
 NO_SUCH_EFFECT = "no such effect"  # recorded, where one was replayed; found at the next event
 
 
+def is_near_tie(decided: m.RoundDecided) -> bool:
+    """Whether another machine's last bits may decide otherwise."""
+    top = np.sort(np.asarray(decided.logits))[-2:]
+    return len(top) == 2 and float(top[1] - top[0]) <= TIE_MARGIN
+
+
 class EffectComparison:
     """Compare effects with recorded ones, one after the other."""
 
@@ -57,18 +63,13 @@ class EffectComparison:
         return (name, recorded, replayed) if self.exact else None
 
     def _tolerated(self, recorded: Any, path: str, a: Any, b: Any) -> bool:
-        if isinstance(recorded, m.RoundDecided) and path == "action" and self._is_near_tie(recorded):
+        if isinstance(recorded, m.RoundDecided) and path == "action" and is_near_tie(recorded):
             self.near_ties += 1
             return True
         if isinstance(a, float) and isinstance(b, float):
             limit = LOGITS_TOLERANCE if path.startswith("logits") else FLOAT_TOLERANCE
             return math.isclose(a, b, rel_tol=limit, abs_tol=limit)
         return False
-
-    @staticmethod
-    def _is_near_tie(decided: m.RoundDecided) -> bool:
-        top = np.sort(np.asarray(decided.logits))[-2:]
-        return len(top) == 2 and float(top[1] - top[0]) <= TIE_MARGIN
 
 
 class DecisionReplay:

@@ -14,6 +14,7 @@ from hippomat_logs.part import CHANNELS_KEY, END_METADATA, PartWriter, our_chann
 from hippomat_logs.schema import MessageStore
 
 LEVEL = 19  # of zstd: such files are kept for years, and written once
+CHUNK_BYTES = 4 << 20  # no crash can cut a file that appears whole; more at once compresses better
 FLUSH_RECORDS = 20_000
 
 
@@ -40,7 +41,7 @@ def write_log(
         facts = {**manifest, "part": "0", "first_record": "1"}
         for gone in (CHANNELS_KEY, "recovered"):
             facts.pop(gone, None)
-        part = PartWriter(sink, facts, channels, attachments, LEVEL)
+        part = PartWriter(sink, facts, channels, attachments, LEVEL, CHUNK_BYTES)
         for number, record in enumerate(held, 1):
             part.add(record.topic, number, record.log_time_ns, record.data)
             if number % FLUSH_RECORDS == 0:

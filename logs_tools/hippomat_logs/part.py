@@ -100,9 +100,10 @@ class PartWriter:
         channels: Sequence[ChannelSpec],
         attachments: Mapping[str, bytes],
         level: int = LEVEL,
+        chunk_bytes: int = CHUNK_BYTES,
     ) -> None:
         self.sink = sink
-        self._writer = McapWriter(sink, "ros2", f"hippomat {package_version()}", CHUNK_BYTES, level)
+        self._writer = McapWriter(sink, "ros2", f"hippomat {package_version()}", chunk_bytes, level)
         for _ in range(2):  # nothing can be read without it, so one copy may be damaged
             self._add_facts(RUN_METADATA, {**manifest, CHANNELS_KEY: channels_crc32(channels)})
         wall_ns = int(manifest.get("started_ns", "0")) + int(manifest.get("wall_offset_ns", "0"))

@@ -26,14 +26,8 @@ from hippomat_logs.manifest import config_of
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.schema import CLASSES, DERIVED, TOPICS, MessageStore
 from hippomat_logs.sink import ACTIVE
-from hippomat_logs.walk import (
-    Contents,
-    Inside,
-    RawMessage,
-    counted_inside,
-    fused_runs,
-    walk_strictly,
-)
+from hippomat_logs.strict_walk import fused_runs, walk_strictly
+from hippomat_logs.walk import Contents, Inside, RawMessage, counted_inside
 
 DROPPED = TOPICS[DropRecord]
 _SERIAL = TOPICS[SerialRecord]

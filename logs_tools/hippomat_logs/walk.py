@@ -1,8 +1,8 @@
-"""Read the bytes of one .mcap of ours, believing nothing: every length, checksum and count is checked.
+"""Read the records of one .mcap of ours, believing nothing: every length and checksum is checked.
 
-Decides what counts as damage. Knows MCAP records (https://mcap.dev/spec), not what is in the messages.
-Written for our own files only: profile ros2, zstd chunks, checksums of data section, chunks, summary and
-manifest. What can be had of a damaged file is in lenient_walk.py.
+Decides which records are damaged. Knows MCAP records (https://mcap.dev/spec), not what is in the messages.
+Written for our own files only: profile ros2, zstd chunks, checksums of chunks, attachments and metadata. What
+a whole file must hold is in strict_walk.py, what can be had of a damaged one in lenient_walk.py.
 """
 
 from __future__ import annotations
@@ -21,20 +21,15 @@ from hippomat_logs.mcap_writer import (
     ATTACHMENT,
     CHANNEL,
     CHUNK,
-    DATA_END,
-    FOOTER,
     HEADER,
-    MAGIC,
     MESSAGE,
     MESSAGE_INDEX,
     METADATA,
     SCHEMA,
-    STATISTICS,
 )
 from hippomat_logs.part import (
     CHANNELS_KEY,
     END_METADATA,
-    FUSED_METADATA,
     POLICY_ATTACHMENT,
     RECOVERY_METADATA,
     RUN_METADATA,
@@ -43,7 +38,7 @@ from hippomat_logs.part import (
     facts_crc32,
 )
 
-FOOTER_BYTES, DATA_END_BYTES = 9 + 20, 9 + 4
+FOOTER_BYTES = 9 + 20
 MAX_CHUNK_BYTES = 64 << 20
 SLICE_BYTES = 16 << 20  # of a file, in memory at once
 PREFIX = struct.Struct("<BQ")
@@ -96,90 +91,7 @@ def forget(data: memoryview, start: int, end: int) -> None:
             data.obj.madvise(mmap.MADV_DONTNEED, start, end - start)
 
 
-def crc32_of(data: memoryview, end: int) -> int:
-    """Checksum of data[:end] without holding it in memory."""
-    crc = 0
-    for at in range(0, end, SLICE_BYTES):
-        behind = min(at + SLICE_BYTES, end)
-        crc = zlib.crc32(data[at:behind], crc)
-        forget(data, at, behind)
-    return crc
-
-
-def check_frame(data: memoryview, name: str) -> tuple[int, int]:
-    """Verify magic, footer, summary and data-section checksums; (end of data section, messages promised)."""
-
-    def damaged(what: str) -> LogError:
-        return LogError(f"{name}: {what}; `hippomat-logs recover {name}` saves what can be read")
-
-    if data[: len(MAGIC)] != MAGIC:
-        raise LogError(f"{name}: does not begin with MCAP's magic bytes: not a log, or its head is damaged")
-    footer = len(data) - len(MAGIC) - FOOTER_BYTES
-    if footer < len(MAGIC) or data[-len(MAGIC) :] != MAGIC:
-        raise damaged("does not end with MCAP's magic bytes: cut short or damaged")
-    opcode, length = PREFIX.unpack_from(data, footer)
-    summary, offsets, summary_crc = struct.unpack_from("<QQI", data, footer + 9)
-    if (opcode, length) != (FOOTER, 20) or not len(MAGIC) + DATA_END_BYTES <= summary <= offsets <= footer:
-        raise damaged("footer damaged")
-    end = summary - DATA_END_BYTES
-    if not summary_crc or not struct.unpack_from("<I", data, end + 9)[0]:
-        raise LogError(
-            f"{name}: carries no checksums, as every log of ours does: was it recorded by hippomat?"
-        )
-    if zlib.crc32(data[summary : footer + 9 + 16]) != summary_crc:
-        raise damaged("summary or footer checksum wrong")
-    if PREFIX.unpack_from(data, end) != (DATA_END, 4):
-        raise damaged("end of the data section damaged")
-    if crc32_of(data, end) != struct.unpack_from("<I", data, end + 9)[0]:
-        raise damaged("data-section checksum wrong: at least one bit has changed")
-    return end, _messages_promised(data, summary, offsets, damaged("summary holds no statistics"))
-
-
-def _messages_promised(data: memoryview, start: int, end: int, missing: LogError) -> int:
-    for opcode, body, _ in records(data, start, end):
-        if opcode == STATISTICS:
-            return int(struct.unpack_from("<Q", body)[0])
-    raise missing
-
-
 Inside = Callable[[bytes, "Contents"], Iterable[RawMessage]]  # what is done with an inflated chunk
-
-
-def walk_strictly(
-    data: memoryview, name: str, contents: Contents, inside: Inside | None = None
-) -> Iterator[RawMessage]:
-    """Every message of a finished file in file order; raises LogError on anything unexpected.
-
-    inside: messages_inside, or counted_inside where only `contents` is wanted.
-    """
-    end, promised = check_frame(data, name)
-    first = [opcode for (opcode, _, _), _ in zip(records(data, len(MAGIC), end), range(2), strict=False)]
-    if first != [HEADER, METADATA]:
-        raise LogError(f"{name}: has no run manifest behind its header; was it recorded by hippomat?")
-    for at, opcode, body, behind in with_offsets(data, len(MAGIC), end):
-        yield from record(opcode, body, at, contents, inside)
-        contents.complete_bytes = behind
-    if not contents.manifest:
-        raise LogError(
-            f"{name}: holds no {RUN_METADATA} metadata; was it recorded by hippomat? (A merged file is for "
-            "viewers: here the robots' own logs are needed, or what `hippomat-logs fuse` makes of them.)"
-        )
-    if contents.messages != promised:
-        raise LogError(f"{name}: {contents.messages} messages read, but its summary promises {promised}")
-
-
-def fused_runs(data: memoryview) -> tuple[str, ...]:
-    """Prefixes of the runs in a fused file, by its first metadata; of any other file, whole or not: none."""
-    try:
-        first = [
-            (o, body) for (o, body, _), _ in zip(records(data, len(MAGIC), len(data)), range(2), strict=False)
-        ]
-        if [opcode for opcode, _ in first] != [HEADER, METADATA]:
-            return ()
-        name, facts = metadata_of(first[1][1], 0)
-    except (LogError, struct.error, UnicodeDecodeError):
-        return ()
-    return tuple(facts.get("runs", "").split()) if name == FUSED_METADATA else ()
 
 
 def with_offsets(data: memoryview, start: int, end: int) -> Iterator[tuple[int, int, memoryview, int]]:
@@ -251,8 +163,28 @@ def chunk_head(body: memoryview) -> tuple[int, int, int]:
 
 
 def messages_inside(inside: bytes, contents: Contents) -> Iterator[RawMessage]:
-    """The messages of an inflated chunk. Flat, because all that is read of a log comes through here."""
-    channels, unpack, fused = contents.channels, _MESSAGE.unpack_from, bool(contents.inside)
+    """The messages of an inflated chunk."""
+    channels, fused = contents.channels, bool(contents.inside)
+    for channel, number, log_time_ns, publish_ns, start, end in _found_inside(inside, contents):
+        topic = channels[channel].topic
+        if topic:  # else another run's, in a fused file
+            yield RawMessage(number, publish_ns if fused else log_time_ns, topic, inside[start:end])
+
+
+def counted_inside(inside: bytes, contents: Contents) -> Iterable[RawMessage]:
+    """No message of an inflated chunk, but how many it holds of each channel, in contents.counts."""
+    counts = contents.counts
+    for channel, *_ in _found_inside(inside, contents):
+        counts[channel] = counts.get(channel, 0) + 1
+    return ()
+
+
+def _found_inside(inside: bytes, contents: Contents) -> Iterator[tuple[int, int, int, int, int, int]]:
+    """(channel, number, log time, publish time, start and end of the data) of every message.
+
+    Flat, because all that is read of a log comes through here.
+    """
+    channels, unpack = contents.channels, _MESSAGE.unpack_from
     at, end = 0, len(inside)
     while at + _MESSAGE.size <= end:
         opcode, length, channel, number, log_time_ns, publish_ns = unpack(inside, at)
@@ -267,35 +199,10 @@ def messages_inside(inside: bytes, contents: Contents) -> Iterator[RawMessage]:
             if channel not in channels:
                 _take_expected(channel, contents)
             contents.messages += 1
-            topic = channels[channel].topic
-            if topic:  # else another run's, in a fused file
-                time_ns = publish_ns if fused else log_time_ns
-                yield RawMessage(number, time_ns, topic, inside[at + _MESSAGE.size : behind])
+            yield channel, number, log_time_ns, publish_ns, at + _MESSAGE.size, behind
         at = behind
     for opcode, body, _ in records(memoryview(inside), at, end):  # shorter than any message, or cut
         _description(opcode, body, contents)
-
-
-def counted_inside(inside: bytes, contents: Contents) -> Iterable[RawMessage]:
-    """No message of an inflated chunk, but how many it holds of each channel, in contents.counts."""
-    counts, unpack = contents.counts, _MESSAGE.unpack_from
-    at, end = 0, len(inside)
-    while at + _MESSAGE.size <= end:
-        opcode, length, channel, *_ = unpack(inside, at)
-        behind = at + 9 + length
-        if behind > end:
-            break
-        if opcode == MESSAGE:
-            if channel not in contents.channels:
-                _take_expected(channel, contents)
-            counts[channel] = counts.get(channel, 0) + 1
-            contents.messages += 1
-        else:
-            _description(opcode, memoryview(inside)[at + 9 : behind], contents)
-        at = behind
-    for opcode, body, _ in records(memoryview(inside), at, end):
-        _description(opcode, body, contents)
-    return ()
 
 
 def _description(opcode: int, body: memoryview, contents: Contents) -> None:

@@ -16,6 +16,7 @@ from hippomat_sim.virtual_fleet import SimulationSetup, VirtualFleet
 
 WORLD_NS = 10**12  # a robot's monotonic clock when the world begins
 IDENTIFY_US = 400_000  # a robot's devices are asked who they are this long before it begins
+NEVER_US = 2**62
 FIRST_US = 1_000_000  # no robot begins earlier: its devices were switched on before
 
 
@@ -27,7 +28,7 @@ class Computer:
     policy: bytes | None
     begins_us: int = FIRST_US
     first_tick_us: int = TICK_US  # after that
-    ends_us: int = 2**62
+    ends_us: int = NEVER_US
 
 
 Recorders = Callable[[Computer, int], Recording]  # the computer, the stamp of its first event

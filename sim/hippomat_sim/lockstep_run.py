@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from hippomat_logs.map_files import map_attachments
 from hippomat_logs.policy_files import naming, policy_name, policy_of
 from hippomat_sim.clock_errors import RIGHT
 from hippomat_sim.fleet_run import RunResult, carry_who_is_due, log_directory, run_result
-from hippomat_sim.lockstep_fleet import FIRST_US, WORLD_NS, Computer, LockstepFleet
+from hippomat_sim.lockstep_fleet import FIRST_US, NEVER_US, WORLD_NS, Computer, LockstepFleet
 from hippomat_sim.lockstep_robot import Recording
 from hippomat_sim.run_preparation import Prepared, prepared
 from hippomat_sim.run_settings import RunSettings
@@ -45,14 +46,17 @@ class NoRecords:
 class LockstepRun:
     """Use once: LockstepRun(settings, view).execute()."""
 
-    def __init__(self, settings: RunSettings, view: View) -> None:
-        """ConfigError for settings of hosts, of which there are none here."""
+    def __init__(self, settings: RunSettings, view: View, leave_s: Mapping[int, float] | None = None) -> None:
+        """ConfigError for settings of hosts, of which there are none here.
+
+        leave_s: robots whose computers are switched off so many seconds after the begin.
+        """
         if settings.clock_years or settings.clock_ppm:
             raise ConfigError(
                 "--lockstep has no daemons whose clocks --clock-years and --clock-ppm set: leave these out"
             )
         self._prepared = prepared(settings)
-        self._view = view
+        self._view, self._leave_s = view, dict(leave_s or {})
         fleet = self._prepared.config.fleet
         self._policy = policy_of(fleet)
         named = contextlib.nullcontext() if self._policy is None else naming(policy_name(fleet))
@@ -93,9 +97,12 @@ class LockstepRun:
     def _computers(self) -> list[Computer]:
         config = self._prepared.config
         return [
-            Computer(placed(config, robot, (x_m, y_m, yaw_rad)), self._policy)
+            Computer(placed(config, robot, (x_m, y_m, yaw_rad)), self._policy, ends_us=self._ends_us(robot))
             for robot, (x_m, y_m, yaw_rad) in enumerate(self._prepared.starts.tolist())
         ]
+
+    def _ends_us(self, robot: int) -> int:
+        return FIRST_US + round(self._leave_s[robot] * 1e6) if robot in self._leave_s else NEVER_US
 
     def _recording(self, computer: Computer, stamp_ns: int) -> Recording:
         if not self._prepared.settings.record_logs:
@@ -103,7 +110,7 @@ class LockstepRun:
         run, robot = self._prepared, computer.config.robot.id
         directory = log_directory(run.settings, robot)
         try:
-            return log_of(computer, run.grid, directory, stamp_ns, session_id(run, computer))
+            return log_of(computer, run.grid, directory, stamp_ns, session_id(run, computer, self._leave_s))
         except OSError as error:
             raise HippomatError(f"cannot record into {directory}: {error.strerror or error}") from None
 
@@ -125,10 +132,10 @@ def placed(config: Config, robot: int, start: tuple[float, float, float]) -> Con
     return replace(config, robot=replace(config.robot, id=robot).starting_at(start))
 
 
-def session_id(run: Prepared, computer: Computer) -> str:
+def session_id(run: Prepared, computer: Computer, leave_s: Mapping[int, float]) -> str:
     """Of one robot's run, in 8 hexadecimal digits: the same for equal runs, and for no others."""
-    settings = run.settings
-    told = (settings.seconds, settings.loss, settings.seed, settings.sealed, settings.carried)
+    settings, left = run.settings, sorted(leave_s.items())
+    told = (settings.seconds, settings.loss, settings.seed, settings.sealed, settings.carried, left)
     decided = (computer.config, run.grid.hash(), hashlib.sha256(computer.policy or b"").hexdigest())
     return hashlib.sha256(repr((told, decided)).encode()).hexdigest()[:8]
 

@@ -14,7 +14,10 @@ import pytest
 from changed_log import change_log
 
 from hippomat_core import messages as m
+from hippomat_core.fleet import timing
 from hippomat_logs.golden import EXPECTED, differences, golden_runs
+from hippomat_logs.level2 import is_near_tie
+from hippomat_logs.reader import open_runs
 from hippomat_logs.replay_cli import main
 
 RUNS = Path(__file__).parents[1] / "golden" / "runs"
@@ -28,14 +31,42 @@ def test_a_golden_run_is_decided_as_it_was(name: str) -> None:
     assert not found, "\n".join(found)
 
 
-def test_golden_runs_hold_claims_and_are_small_enough_to_be_kept() -> None:
-    requests = [
-        robot["requests"]
-        for name in NAMES
-        for robot in json.loads((RUNS / name / EXPECTED).read_text())["robots"].values()
+def test_every_golden_run_completes_a_task_and_all_are_small_enough_to_be_kept() -> None:
+    figures = {name: json.loads((RUNS / name / EXPECTED).read_text())["figures"] for name in NAMES}
+    assert {name for name, of_run in figures.items() if of_run["completed"] < 1} == set()
+    assert sum(path.stat().st_size for path in RUNS.rglob("*.mcap")) < 4 * MIB
+
+
+def test_golden_runs_hold_what_goes_wrong_in_a_fleet() -> None:
+    """What a run must hold for a change of the rules about it to be noticed."""
+    kinds, claims = set[type](), set[str]()
+    for run in open_runs([RUNS]):
+        for record in run.records_in_order(
+            (m.ClaimChanged, m.ConflictSeen, m.PeerClaimSeen, m.RecoveryChanged)
+        ):
+            kinds.add(type(record.message))
+            if isinstance(record.message, (m.ClaimChanged, m.PeerClaimSeen)):
+                claims.add(record.message.what)
+    assert {m.ConflictSeen, m.RecoveryChanged} <= kinds
+    assert {"requested", "confirmed", "unconfirmed", "dropped", "released", "completed", "expired"} <= claims
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_decision_of_a_golden_run_is_a_near_tie_that_another_processor_may_decide_otherwise(
+    name: str,
+) -> None:
+    decisions = [
+        record.message
+        for run in open_runs([RUNS / name])
+        for record in run.records_in_order((m.RoundDecided,))
     ]
-    assert sum(requests) >= 3
-    assert sum(path.stat().st_size for path in RUNS.rglob("*.mcap")) < 3 * MIB
+    assert decisions
+    assert [decided.round for decided in decisions if is_near_tie(decided)] == []
+
+
+def test_a_change_of_how_long_tasks_settle_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(timing, "SETTLE_ROUNDS", timing.SETTLE_ROUNDS + 10)
+    assert any("L2" in line for line in differences(RUNS / "scarce_tasks"))
 
 
 @pytest.fixture

@@ -22,6 +22,9 @@ from recorded_run import recorded_log
 from hippomat_core import messages as m
 from hippomat_core.config import Config, config_from_dict, parse_config
 from hippomat_core.errors import HippomatError
+from hippomat_core.state import State
+from hippomat_core.step import step
+from hippomat_logs import level2
 from hippomat_logs.daemon_process import to_toml
 from hippomat_logs.level2 import EffectComparison
 from hippomat_logs.reader import open_runs
@@ -255,6 +258,23 @@ def test_another_machine_may_differ_in_the_last_bits_and_at_near_ties_only() -> 
     assert tolerant.first_difference(sure, dataclasses.replace(sure, action=1)) is not None
     assert tolerant.first_difference(tie, dataclasses.replace(tie, action=0)) is None
     assert tolerant.near_ties == 1
+
+
+def test_a_core_whose_effect_no_log_can_hold_diverges_and_names_the_field(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def too_large(state: State, event: m.Event) -> tuple[State, tuple[m.Effect, ...]]:
+        state, effects = step(state, event)
+        return state, tuple(
+            dataclasses.replace(effect, action=2**40) if isinstance(effect, m.RoundDecided) else effect
+            for effect in effects
+        )
+
+    monkeypatch.setattr(level2, "step", too_large)
+    report = quick_report(log)
+    (divergence,) = [result.divergence for result in report.results if result.divergence]
+    assert (report.exit_code, divergence.level) == (2, "L2")
+    assert (divergence.field, divergence.replayed) == ("RoundDecided.action", 2**40)
 
 
 def decided(logits: list[float], action: int) -> m.RoundDecided:

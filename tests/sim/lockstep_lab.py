@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from rich.console import Console
@@ -25,7 +26,7 @@ def settings(folder: Path, **changes: object) -> RunSettings:
     return RunSettings(folder / "room.yaml", folder / "out", config=config, **{**given, **changes})  # type: ignore[arg-type]
 
 
-def record(folder: Path, **changes: object) -> Path:
+def record(folder: Path, leave_s: Mapping[int, float] | None = None, **changes: object) -> Path:
     """The directory of the logs."""
-    run = LockstepRun(settings(folder, **changes), PlainView(Console(quiet=True)))
+    run = LockstepRun(settings(folder, **changes), PlainView(Console(quiet=True)), leave_s)
     return run.execute().out / "logs"

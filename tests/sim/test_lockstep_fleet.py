@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from lockstep_lab import SECONDS, record, settings
 
-from hippomat_core.messages import ClaimChanged, RoundDecided, Tick
+from hippomat_core.messages import ClaimChanged, RoundDecided, StateHeard, Tick
 from hippomat_logs.reader import open_runs
 from hippomat_logs.replay import ReplayOptions, replay_run
 from hippomat_logs.report import REPRODUCED
@@ -93,3 +93,14 @@ def test_robots_that_are_carried_are_carried_in_lockstep_too(tmp_path: Path) -> 
     )
     truth = np.load(out / "truth.npz")["poses"]
     assert truth[-1, 1] == pytest.approx([2.0, 1.5, 0.5], abs=0.02)
+
+
+def test_a_robot_that_leaves_records_no_more_and_is_heard_no_more(tmp_path: Path) -> None:
+    stayed, left = open_runs([record(tmp_path, leave_s={1: 1.0}, robots=2, seconds=2.5, loss=0.0)])
+    ticks = [record.message for record in left.records_in_order((Tick,))]
+    assert len(ticks) == pytest.approx(20, abs=1)
+    heard_ns = [record.message.stamp_ns for record in stayed.records_in_order((StateHeard,))]
+    assert heard_ns
+    assert max(heard_ns) < ticks[-1].stamp_ns + 400_000_000  # its radio says its last STATE, and no other
+    report = replay_run(left, ReplayOptions(("L0", "L1", "L2")))
+    assert report.verdict == "reproduced L0 L1 L2"
