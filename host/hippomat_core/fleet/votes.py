@@ -55,7 +55,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.fleet.timing import Timing
-from hippomat_core.replaced import replace
+from hippomat_core.replaced import quickly_made, replace
 from hippomat_core.wire.frames import NO_SLOT, AirClaim, RelayRow
 
 # phases of a vote
@@ -69,6 +69,7 @@ FORGET_NS = 600 * 10**9  # a dormant vote is dropped after this
 UNKNOWN_ROUND = -1  # of a claim that was only passed on: RELAY does not carry it
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class ClaimId:
     """What a robot froze when it claimed; names the claim among all that are alive.

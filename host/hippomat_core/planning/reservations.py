@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hippomat_core.config import Config
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.replaced import replace
+from hippomat_core.replaced import quickly_made, replace
 from hippomat_core.wire.frames import MAX_INTENT_STEPS, NO_SLOT, StateFrame
 
 Cells = NDArray[np.int32]  # (K, 2) [ix, iy]
@@ -31,6 +31,7 @@ COMMITTED_M = 0.02  # a standing peer may just have started
 TOLERANCE_M = 0.002
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class PeerMotion:
     """A peer as last heard; map frame."""
@@ -97,6 +98,7 @@ def _known_intent(ix: int, iy: int, steps: bytes) -> Cells:
     return cells
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class Taken:
     """Discs that others have taken, seen from where we are. T discs in all."""
