@@ -93,12 +93,12 @@ def _round(
 def _with_fields(state: State, ground: Ground) -> State:
     """A distance field for every open task and for the destination of our claim."""
     tasks, claim = state.fleet.tasks, state.fleet.own_claim
-    positions_m = tasks.positions_m()
-    grid = ground.costmap.grid
-    goals = {
-        (slot, int(tasks.generations[slot])): grid.cell_of(*positions_m[slot, :2].tolist())
-        for slot in np.flatnonzero(tasks.states != INACTIVE).tolist()
-    }
+    states, held = tasks.states.tolist(), state.fields.by_task
+    wanted = [task for task in enumerate(tasks.generations.tolist()) if states[task[0]] != INACTIVE]
+    if all(task in held for task in wanted) and (claim is None or claim.id.task in held):
+        return state
+    positions_m, grid = tasks.positions_m(), ground.costmap.grid
+    goals = {task: grid.cell_of(*positions_m[task[0], :2].tolist()) for task in wanted}
     if claim is not None:
         goals[claim.id.task] = grid.cell_of(*claim.destination_m[:2])
     return replace(state, fields=state.fields.with_goals(ground.costmap.graph, goals, grid.resolution_m))

@@ -56,8 +56,9 @@ def is_whole(scan: ScanReceived) -> bool:
     """True where the samples leave no hole: it would show free space where nobody looked."""
     if not len(scan.angle_q6):
         return False
-    angles = np.sort(scan.angle_q6.astype(np.int64) % TURN_Q6)
-    return int(np.diff(angles, append=angles[0] + TURN_Q6).max()) <= HOLE_Q6
+    angles = np.sort(scan.angle_q6 % TURN_Q6)
+    across_zero = TURN_Q6 - int(angles[-1]) + int(angles[0])
+    return max(int((angles[1:] - angles[:-1]).max(initial=0)), across_zero) <= HOLE_Q6
 
 
 def returns(scan: ScanReceived, lidar: LidarConfig) -> NDArray[np.bool_]:
@@ -176,7 +177,8 @@ def _things_seen(
     until_s = late.scan_s + late.odometry_s + settings.latency_s + abs(v_mps) / limits.decel_mps2
     come_m = settings.obstacle_speed_mps * until_s
     xy = np.concatenate([points, peers[:, :2]])
-    size_m = np.concatenate([np.full(len(points), come_m), peers[:, 2] + come_m])
+    size_m = np.full(len(xy), come_m)
+    size_m[len(points) :] += peers[:, 2]
     corners = np.array(config.robot.footprint, np.float64).reshape(-1, 2)
     nearest = float(nearest_m(xy, size_m, corners, config.robot.radius_m))
     return _Seen(xy, size_m + settings.margin_m, corners, nearest)

@@ -132,8 +132,12 @@ def after_row(
         if vote.claim.robot != robot:
             kept.append(vote)
         elif claim is not None and _is_same(vote, claim):
-            held = vote if vote.phase == DOUBTFUL else replace(vote, phase=GIVEN, seen_ns=stamp_ns)
-            kept.append(replace(held, claim=claim))
+            doubtful = vote.phase == DOUBTFUL
+            kept.append(
+                replace(vote, claim=claim)
+                if doubtful
+                else replace(vote, claim=claim, phase=GIVEN, seen_ns=stamp_ns)
+            )
         elif vote.claim.generation >= newest[vote.claim.slot] and not digests_agree:
             until_ns = vote.until_ns if vote.phase == DOUBTFUL else stamp_ns + timing.dead_ns
             kept.append(replace(vote, phase=DOUBTFUL, until_ns=until_ns))
