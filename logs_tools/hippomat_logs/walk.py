@@ -12,6 +12,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import zstandard
@@ -57,6 +58,10 @@ class RawMessage(NamedTuple):
     log_time_ns: int
     topic: str
     data: bytes
+
+
+# Its constructor without a Python call in between: every message of every log goes through it.
+_raw_message = partial(tuple.__new__, RawMessage)
 
 
 @dataclass(slots=True)
@@ -270,7 +275,7 @@ def messages_inside(inside: bytes, contents: Contents) -> Iterator[RawMessage]:
             topic = channels[channel].topic
             if topic:  # else another run's, in a fused file
                 time_ns = publish_ns if fused else log_time_ns
-                yield RawMessage(number, time_ns, topic, inside[at + _MESSAGE.size : behind])
+                yield _raw_message((number, time_ns, topic, inside[at + _MESSAGE.size : behind]))
         at = behind
     for opcode, body, _ in records(memoryview(inside), at, end):  # shorter than any message, or cut
         _description(opcode, body, contents)
