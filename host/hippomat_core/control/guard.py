@@ -83,6 +83,17 @@ def scan_points(scan: ScanReceived, lidar: LidarConfig) -> Points:
     return np.stack([x_m, y_m], axis=1)
 
 
+def carrying(
+    then: tuple[float, float, float], now: tuple[float, float, float]
+) -> tuple[float, float, float, float]:
+    """(c, s, dx, dy) that carry a point (x, y) along: (c x - s y + dx, s x + c y + dy)."""
+    c, s = math.cos(then[2] - now[2]), math.sin(then[2] - now[2])
+    east_m, north_m = then[0] - now[0], then[1] - now[1]
+    shift_x = math.cos(now[2]) * east_m + math.sin(now[2]) * north_m
+    shift_y = -math.sin(now[2]) * east_m + math.cos(now[2]) * north_m
+    return c, s, shift_x, shift_y
+
+
 def carried_along(
     points: Points, then: tuple[float, float, float], now: tuple[float, float, float]
 ) -> Points:
@@ -90,10 +101,7 @@ def carried_along(
 
     Without it a robot that has turned since the sweep would brake for things beside it.
     """
-    c, s = math.cos(then[2] - now[2]), math.sin(then[2] - now[2])
-    east_m, north_m = then[0] - now[0], then[1] - now[1]
-    shift_x = math.cos(now[2]) * east_m + math.sin(now[2]) * north_m
-    shift_y = -math.sin(now[2]) * east_m + math.cos(now[2]) * north_m
+    c, s, shift_x, shift_y = carrying(then, now)
     x, y = points[:, 0], points[:, 1]
     moved = np.empty_like(points)
     moved[:, 0] = c * x - s * y + shift_x
