@@ -283,7 +283,7 @@ def messages_inside(inside: bytes, contents: Contents) -> Iterator[RawMessage]:
 
 def counted_inside(inside: bytes, contents: Contents) -> Iterable[RawMessage]:
     """No message of an inflated chunk, but how many it holds of each channel, in contents.counts."""
-    counts, unpack = contents.counts, _MESSAGE.unpack_from
+    channels, counts, unpack = contents.channels, contents.counts, _MESSAGE.unpack_from
     at, end = 0, len(inside)
     while at + _MESSAGE.size <= end:
         opcode, length, channel, *_ = unpack(inside, at)
@@ -291,7 +291,7 @@ def counted_inside(inside: bytes, contents: Contents) -> Iterable[RawMessage]:
         if behind > end:
             break
         if opcode == MESSAGE:
-            if channel not in contents.channels:
+            if channel not in channels:
                 _take_expected(channel, contents)
             counts[channel] = counts.get(channel, 0) + 1
             contents.messages += 1

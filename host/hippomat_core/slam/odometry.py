@@ -111,7 +111,7 @@ def _longer(odometry: Odometry, newest: tuple[int, float, float, float]) -> Trai
     """The trail with one more pose, whose last entry is the turn since the one before."""
     stamp_ns, x_m, y_m, turned_rad = newest
     before_rad = odometry.trail[-1][3] if odometry.trail else odometry.yaw_rad
-    recent = tuple(pose for pose in odometry.trail if 0 < stamp_ns - pose[0] <= TRAIL_NS)
+    recent = [pose for pose in odometry.trail if 0 < stamp_ns - pose[0] <= TRAIL_NS]
     return (*recent, (stamp_ns, x_m, y_m, before_rad + turned_rad))
 
 
