@@ -8,6 +8,7 @@ is in fleet/rounds.py.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -78,10 +79,13 @@ def _round(
 ) -> State:
     assert ground is not None
     state = _with_progress(_with_fields(state, ground), ground, now_ns)
-    costs_s = _travel_costs_s(state, ground, state.pose[:2])
-    over = state.fleet.own_claim is None and bool(saturated(costs_s, ground.c_max_s).any())
+    over, costs_here = False, partial(_costs_here, state, ground)
+    if state.fleet.own_claim is None:  # with a claim they are asked for only if it ends now
+        costs_s = _travel_costs_s(state, ground, state.pose[:2])
+        over = bool(saturated(costs_s, ground.c_max_s).any())
+        costs_here = partial(quantise, costs_s, ground.c_max_s)
     state = _saturation_alarm(state, over, ground.c_max_s, effects)
-    own = _own_inputs(state, ground, now_ns, costs_s, over, allowed)
+    own = _own_inputs(state, ground, now_ns, costs_here, over, allowed)
     fleet, outcome = end_round(state.fleet, now_ns, own)
     effects += outcome.effects
     if outcome.state_frame is not None:
@@ -93,12 +97,12 @@ def _round(
 def _with_fields(state: State, ground: Ground) -> State:
     """A distance field for every open task and for the destination of our claim."""
     tasks, claim = state.fleet.tasks, state.fleet.own_claim
-    positions_m = tasks.positions_m()
-    grid = ground.costmap.grid
-    goals = {
-        (slot, int(tasks.generations[slot])): grid.cell_of(*positions_m[slot, :2].tolist())
-        for slot in np.flatnonzero(tasks.states != INACTIVE).tolist()
-    }
+    states, held = tasks.states.tolist(), state.fields.by_task
+    wanted = [task for task in enumerate(tasks.generations.tolist()) if states[task[0]] != INACTIVE]
+    if all(task in held for task in wanted) and (claim is None or claim.id.task in held):
+        return state
+    positions_m, grid = tasks.positions_m(), ground.costmap.grid
+    goals = {task: grid.cell_of(*positions_m[task[0], :2].tolist()) for task in wanted}
     if claim is not None:
         goals[claim.id.task] = grid.cell_of(*claim.destination_m[:2])
     return replace(state, fields=state.fields.with_goals(ground.costmap.graph, goals, grid.resolution_m))
@@ -113,6 +117,11 @@ def _travel_costs_s(state: State, ground: Ground, place_m: tuple[float, float]) 
     ways_m = distances_at(ground.costmap, list(fields.values()), *place_m)
     costs_s[list(fields)] = ways_m / state.config.limits.speed_mps
     return costs_s
+
+
+def _costs_here(state: State, ground: Ground) -> NDArray[np.uint8]:
+    """(M,) their codes, for our row."""
+    return quantise(_travel_costs_s(state, ground, state.pose[:2]), ground.c_max_s)
 
 
 def _with_progress(state: State, ground: Ground, now_ns: int) -> State:
@@ -161,7 +170,7 @@ def _own_inputs(
     state: State,
     ground: Ground,
     now_ns: int,
-    costs_s: NDArray[np.float64],
+    costs_here: Callable[[], NDArray[np.uint8]],
     over: bool,
     allowed: Permissions,
 ) -> OwnInputs:
@@ -176,7 +185,7 @@ def _own_inputs(
     )
     outcome, stranger = state.outcome, _is_stranger(state, now_ns)
     return OwnInputs(
-        costs_q=quantise(costs_s, ground.c_max_s),
+        costs_here=costs_here,
         c_max_s=ground.c_max_s,
         outlook=partial(_outlook, state, ground, now_ns),
         can_request=allowed.may_request and not stranger,

@@ -20,12 +20,13 @@ def with_faults(state: State, now_ns: int, effects: list[Effect]) -> State:
     """Faults keep the stamp they began at; alarms are raised and cleared as faults come and go."""
     if state.observes:
         return state
-    since = dict(state.faults)
-    faults = tuple((code, since.get(code, now_ns)) for code in _faults(state, now_ns))
-    quiet = now_ns - state.started_ns < STARTUP_NS
-    if not faults and not state.faults and not state.alarms:
+    found = _faults(state, now_ns)
+    if not found and not state.faults and not state.alarms:
         return state
-    codes = frozenset(code for code, _ in faults)
+    since = dict(state.faults)
+    faults = tuple((code, since.get(code, now_ns)) for code in found)
+    quiet = now_ns - state.started_ns < STARTUP_NS
+    codes = frozenset(found)
     raised = frozenset() if quiet else codes - state.alarms
     cleared = frozenset(BY_CODE) & state.alarms - codes
     effects += [AlarmRaised(BY_CODE[code].level, code, _text(state, code)) for code in sorted(raised)]

@@ -30,6 +30,7 @@ from hippomat_core.fields import (
     U16Array,
     U32Array,
 )
+from hippomat_core.replaced import quickly_made
 from hippomat_core.wire.frames import Header, RelayFrame, StateFrame, StopFrame, TasksFrame
 
 RADIO, BASE, LIDAR, ROS = 0, 1, 2, 3  # ports; ROS is no serial one, and may stand in for base and lidar
@@ -419,6 +420,7 @@ class MapDrawn:
     cells: I8Array  # (H * W,)
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class RoundDecided:
     """One decision with everything it was made from: the snapshot and the delivery ledger.

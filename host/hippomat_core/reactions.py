@@ -54,8 +54,13 @@ class Permissions:
     why_not: str
 
 
+ALL_ALLOWED = Permissions(True, True, True, "", "")
+
+
 def permissions(active: dict[str, int], now_ns: int) -> Permissions:
     """From active faults (code -> stamp_ns since when) to what the robot may do now."""
+    if not active:
+        return ALL_ALLOWED
     rows = [(BY_CODE[code], now_ns - since_ns) for code, since_ns in active.items()]
     overdue = [row.code for row, age_ns in rows if age_ns >= row.releases_after_s * 1e9]
     return Permissions(

@@ -1,7 +1,9 @@
-"""dataclasses.replace() for the core's frozen values, four times as fast: a step makes dozens of new ones.
+"""Frozen values made fast: a step makes dozens of them. replace() is dataclasses.replace().
 
-For each class a function is generated once that copies slot by slot; __init__ is not run, so classes that do
-more there than to take their fields in go through dataclasses.replace() itself. Type checkers see that one.
+A frozen class forbids `made.x = ...`, and the way around it costs ten times as much. So a value is filled
+while it is of a twin class, which has the same slots and is not frozen, and then becomes one of its own.
+Functions that do so are generated once for each class. Classes that do more at their making than to take
+their fields in are left to dataclasses. Type checkers see dataclasses everywhere.
 """
 
 from __future__ import annotations
@@ -29,38 +31,72 @@ else:
 _COPIERS: dict[type, _Copier] = {}
 
 
-def maker_of(kind: type) -> Callable[..., Any]:
-    """What makes a `kind` of all its fields, in their order, faster than the __init__ of a frozen class."""
-    setters = _setters(kind)
-    if setters is None:
-        return kind
-    sets = "".join(f" s{k}(made, v{k})\n" for k in range(len(setters)))  # a field may have any name
-    code = (
-        f"def make({', '.join(f'v{k}' for k in range(len(setters)))}):\n made = new(kind)\n{sets} return made"
+def quickly_made(kind: type[T]) -> type[T]:
+    """Decorates a frozen dataclass with slots of which thousands are made: __init__ becomes a fast one."""
+    twin = _twin(kind)
+    fields = dataclasses.fields(kind)  # type: ignore[arg-type]
+    if twin is None or any(f.default_factory is not dataclasses.MISSING or f.kw_only for f in fields):
+        raise TypeError(f"{kind.__name__} cannot be made quickly: it takes plain fields in, and does no more")
+    body = "".join(f" self.{f.name} = {f.name}\n" for f in fields)
+    init = _generated(
+        f"def __init__(self, {', '.join([f.name for f in fields])}):\n"
+        f" _become(self, _twin)\n{body} self.__class__ = _kind\n",
+        _become=object.__dict__["__class__"].__set__,
+        _twin=twin,
+        _kind=kind,
     )
-    names: dict[str, Any] = {"new": object.__new__, "kind": kind}
-    names.update((f"s{k}", setter) for k, setter in enumerate(setters.values()))
-    exec(compile(code, "<maker>", "exec"), names)
-    return names["make"]  # type: ignore[no-any-return]
+    init.__defaults__ = kind.__init__.__defaults__
+    init.__annotations__ = kind.__init__.__annotations__
+    init.__qualname__ = f"{kind.__qualname__}.__init__"
+    kind.__init__ = init  # type: ignore[method-assign]
+    return kind
 
 
-def _setters(kind: type) -> dict[str, Callable[[Any, Any], None]] | None:
-    """By field, what writes its slot; None where __init__ does more than that."""
-    fields = dataclasses.fields(kind)
-    slots = set(kind.__dict__.get("__slots__", ()))
-    if hasattr(kind, "__post_init__") or any(not f.init or f.name not in slots for f in fields):
-        return None
-    return {f.name: kind.__dict__[f.name].__set__ for f in fields}
+def maker_of(kind: type) -> Callable[..., Any]:
+    """What makes a `kind` of all its fields, in their order, faster still: without keywords and defaults."""
+    twin = _twin(kind)
+    if twin is None:
+        return kind
+    names = [f.name for f in dataclasses.fields(kind)]  # of any spelling, so none is a parameter's
+    body = "".join(f" made.{name} = v{k}\n" for k, name in enumerate(names))
+    make: Callable[..., Any] = _generated(
+        f"def make({', '.join([f'v{k}' for k in range(len(names))])}):\n"
+        f" made = twin()\n{body} made.__class__ = kind\n return made",
+        twin=twin,
+        kind=kind,
+    )
+    return make
 
 
 def _copier(kind: type) -> _Copier:
-    setters = _setters(kind)
-    if setters is None:
+    twin = _twin(kind)
+    if twin is None:
         return lambda value, changes: dataclasses.replace(value, **changes)
-    copied = "".join(f" set_{name}(made, value.{name})\n" for name in setters)
-    code = f"def copy(value, changes):\n made = new(kind)\n{copied}"
-    code += " for name in changes: setters[name](made, changes[name])\n return made"
-    names: dict[str, Any] = {"new": object.__new__, "kind": kind, "setters": setters}
-    names.update((f"set_{name}", setter) for name, setter in setters.items())
-    exec(compile(code, "<copier>", "exec"), names)
-    return names["copy"]  # type: ignore[no-any-return]
+    body = "".join(f" made.{f.name} = value.{f.name}\n" for f in dataclasses.fields(kind))
+    copy: _Copier = _generated(
+        f"def copy(value, changes):\n made = twin()\n{body}"
+        " for name in changes: setattr(made, name, changes[name])\n"
+        " made.__class__ = kind\n return made",
+        twin=twin,
+        kind=kind,
+        setattr=setattr,
+    )
+    return copy
+
+
+def _twin(kind: type) -> type | None:
+    """The class with the same slots that is not frozen; None where making a `kind` takes more than that."""
+    fields = dataclasses.fields(kind)
+    slots = kind.__dict__.get("__slots__", ())
+    plain = kind.__bases__ == (object,) and not hasattr(kind, "__post_init__")
+    if not plain or any(not f.init for f in fields) or set(slots) != {f.name for f in fields}:
+        return None
+    return type(kind.__name__, (), {"__slots__": slots})
+
+
+def _generated(code: str, **names: Any) -> Any:
+    """The one function that the code defines."""
+    scope: dict[str, Any] = {}
+    exec(compile(code, "<value>", "exec"), names, scope)
+    (function,) = scope.values()
+    return function

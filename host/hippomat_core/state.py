@@ -77,7 +77,8 @@ class Stop:
 
     def lifted(self, counter: int) -> Stop:
         """After a RESUME, which answers the STOP of its counter and no other."""
-        return replace(self, resumed=counter) if counter == self.counter != LAST_STOP else self
+        lifts = self.resumed != counter == self.counter != LAST_STOP
+        return replace(self, resumed=counter) if lifts else self
 
     def merged(self, counter: int, resumed: int, authentic: bool) -> Stop:
         """With another latch of this robot: its radio's, which outlives both."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hippomat_core.allocation_round import Stepped, round_without_radio
 from hippomat_core.control.follower import Motion
-from hippomat_core.control.guard import Lateness, carried_along, guard
+from hippomat_core.control.guard import Lateness, carried_along, carrying, guard
 from hippomat_core.control.nav_state import STANDING, NavOutcome
 from hippomat_core.control.navigator import forget_path, navigate
 from hippomat_core.control.recovery import DRIVE
@@ -158,10 +158,11 @@ def _discs(state: State, peers: list[PeerMotion]) -> NDArray[np.float64]:
 
     Older ones are left to the scan.
     """
-    fresh = [peer for peer in peers if peer.age_s <= state.config.planning.peer_stale_s]
-    discs = np.empty((len(fresh), 3))
-    if fresh:
-        radius_m = state.config.robot.radius_m
-        discs[:] = [(peer.x_m, peer.y_m, radius_m + peer.speed_mps * peer.age_s) for peer in fresh]
-        discs[:, :2] = carried_along(discs[:, :2], (0.0, 0.0, 0.0), state.pose)
-    return discs
+    radius_m, stale_s = state.config.robot.radius_m, state.config.planning.peer_stale_s
+    c, s, dx, dy = carrying((0.0, 0.0, 0.0), state.pose)
+    discs = [
+        (c * p.x_m - s * p.y_m + dx, s * p.x_m + c * p.y_m + dy, radius_m + p.speed_mps * p.age_s)
+        for p in peers
+        if p.age_s <= stale_s
+    ]
+    return np.array(discs, np.float64).reshape(-1, 3)

@@ -12,6 +12,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import zstandard
@@ -52,6 +53,10 @@ class RawMessage(NamedTuple):
     log_time_ns: int
     topic: str
     data: bytes
+
+
+# Its constructor without a Python call in between: every message of every log goes through it.
+_raw_message = partial(tuple.__new__, RawMessage)
 
 
 @dataclass(slots=True)
@@ -168,7 +173,8 @@ def messages_inside(inside: bytes, contents: Contents) -> Iterator[RawMessage]:
     for channel, number, log_time_ns, publish_ns, start, end in _found_inside(inside, contents):
         topic = channels[channel].topic
         if topic:  # else another run's, in a fused file
-            yield RawMessage(number, publish_ns if fused else log_time_ns, topic, inside[start:end])
+            time_ns = publish_ns if fused else log_time_ns
+            yield _raw_message((number, time_ns, topic, inside[start:end]))
 
 
 def counted_inside(inside: bytes, contents: Contents) -> Iterable[RawMessage]:

@@ -71,7 +71,8 @@ class Seat:
 
     def round(self, costs: object = (10, 20, 30, 40), **own: object) -> RoundOutcome:
         self.now_ns += ROUND // 2
-        inputs = OwnInputs(np.asarray(costs, np.uint8), **{"can_request": True, **own})  # type: ignore[arg-type]
+        row = np.asarray(costs, np.uint8)
+        inputs = OwnInputs(lambda: row, **{"can_request": True, **own})  # type: ignore[arg-type]
         self.fleet, outcome = end_round(ended_alone(self.fleet, self.now_ns), self.now_ns, inputs)
         self.now_ns += ROUND // 2
         return outcome

@@ -216,7 +216,7 @@ def test_a_stale_claim_read_during_a_hold_up_gets_no_vote_when_the_hold_up_is_ov
 
 def test_costs_for_another_number_of_tasks_are_refused():
     with pytest.raises(ValueError, match="needed"):
-        seat().round(costs=(1, 2, 3))
+        ready().round(costs=(1, 2, 3))
 
 
 def test_rounds_are_due_once_each():
@@ -234,7 +234,7 @@ def test_the_largest_fleet_fits_the_frame():
     sites = task_sites(np.ones((160, 160), np.bool_), 0.05, 0.0, 0.0, 0.12)
     fleet, _ = with_map(fleet, 0, sites, DIGEST)
     intent = Intent(1, 2, 0, np.full(12, 14, np.uint8))
-    own = OwnInputs(np.zeros(80, np.uint8), can_request=True, intent=intent)
+    own = OwnInputs(lambda: np.zeros(80, np.uint8), can_request=True, intent=intent)
     fleet, outcome = end_round(fleet, 1, own)
     assert outcome.state_frame is not None
     header = Header(STATE, False, 1, 63, 1, 1, 0)

@@ -20,7 +20,7 @@ def quantise(costs_s: ArrayLike, c_max_s: float) -> NDArray[np.uint8]:
         raise ValueError(f"c_max_s = {c_max_s!r} must be above 0; set [fleet] c_max_s or give a map")
     costs = np.asarray(costs_s, np.float64)
     finite = np.isfinite(costs)
-    share = np.clip(np.where(finite, costs, 0.0) / c_max_s, 0.0, 1.0)
+    share = np.minimum(np.maximum(np.where(finite, costs, 0.0) / c_max_s, 0.0), 1.0)
     codes = np.rint(FULL_SCALE * np.sqrt(share))
     return np.where(finite, codes, UNREACHABLE).astype(np.uint8)
 

@@ -56,8 +56,9 @@ def is_whole(scan: ScanReceived) -> bool:
     """True where the samples leave no hole: it would show free space where nobody looked."""
     if not len(scan.angle_q6):
         return False
-    angles = np.sort(scan.angle_q6.astype(np.int64) % TURN_Q6)
-    return int(np.diff(angles, append=angles[0] + TURN_Q6).max()) <= HOLE_Q6
+    angles = np.sort(scan.angle_q6 % TURN_Q6)
+    across_zero = TURN_Q6 - int(angles[-1]) + int(angles[0])
+    return max(int((angles[1:] - angles[:-1]).max(initial=0)), across_zero) <= HOLE_Q6
 
 
 def returns(scan: ScanReceived, lidar: LidarConfig) -> NDArray[np.bool_]:
@@ -82,6 +83,17 @@ def scan_points(scan: ScanReceived, lidar: LidarConfig) -> Points:
     return np.stack([x_m, y_m], axis=1)
 
 
+def carrying(
+    then: tuple[float, float, float], now: tuple[float, float, float]
+) -> tuple[float, float, float, float]:
+    """(c, s, dx, dy) that carry a point (x, y) along: (c x - s y + dx, s x + c y + dy)."""
+    c, s = math.cos(then[2] - now[2]), math.sin(then[2] - now[2])
+    east_m, north_m = then[0] - now[0], then[1] - now[1]
+    shift_x = math.cos(now[2]) * east_m + math.sin(now[2]) * north_m
+    shift_y = -math.sin(now[2]) * east_m + math.cos(now[2]) * north_m
+    return c, s, shift_x, shift_y
+
+
 def carried_along(
     points: Points, then: tuple[float, float, float], now: tuple[float, float, float]
 ) -> Points:
@@ -89,10 +101,7 @@ def carried_along(
 
     Without it a robot that has turned since the sweep would brake for things beside it.
     """
-    c, s = math.cos(then[2] - now[2]), math.sin(then[2] - now[2])
-    east_m, north_m = then[0] - now[0], then[1] - now[1]
-    shift_x = math.cos(now[2]) * east_m + math.sin(now[2]) * north_m
-    shift_y = -math.sin(now[2]) * east_m + math.cos(now[2]) * north_m
+    c, s, shift_x, shift_y = carrying(then, now)
     x, y = points[:, 0], points[:, 1]
     moved = np.empty_like(points)
     moved[:, 0] = c * x - s * y + shift_x
@@ -176,7 +185,8 @@ def _things_seen(
     until_s = late.scan_s + late.odometry_s + settings.latency_s + abs(v_mps) / limits.decel_mps2
     come_m = settings.obstacle_speed_mps * until_s
     xy = np.concatenate([points, peers[:, :2]])
-    size_m = np.concatenate([np.full(len(points), come_m), peers[:, 2] + come_m])
+    size_m = np.full(len(xy), come_m)
+    size_m[len(points) :] += peers[:, 2]
     corners = np.array(config.robot.footprint, np.float64).reshape(-1, 2)
     nearest = float(nearest_m(xy, size_m, corners, config.robot.radius_m))
     return _Seen(xy, size_m + settings.margin_m, corners, nearest)

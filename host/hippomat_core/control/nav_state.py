@@ -14,7 +14,7 @@ from hippomat_core.planning.astar import Path, path_length_m
 from hippomat_core.planning.costmap import Costmap
 from hippomat_core.planning.distance_field import DistanceField
 from hippomat_core.planning.reservations import Cells, PeerMotion, Taken, taken_cells
-from hippomat_core.replaced import replace
+from hippomat_core.replaced import quickly_made, replace
 
 NEVER = -1
 STANDING = Drive()
@@ -71,6 +71,7 @@ class NewPath:
     cause: str  # new, blocked, aside, gone
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class NavOutcome:
     """What to command, tell and record."""
@@ -86,6 +87,7 @@ class NavOutcome:
     remaining_m: float  # along the path; inf where there is none, 0 without a destination
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
     """The arguments of one call and what follows from them at once."""

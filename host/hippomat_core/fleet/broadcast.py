@@ -31,7 +31,9 @@ _TALKERS = 5  # of the others, about so many answer a differing digest in one ro
 def state_frame(fleet: FleetState, stamp_ns: int, own: OwnInputs, priced: NDArray[np.uint16]) -> StateFrame:
     """Our STATE. priced: (M,) generations that own's costs are for; slots turned since cost 'unreachable'."""
     claim = fleet.own_claim
-    outlook = Outlook(0.0, own.costs_q) if claim is None else own.outlook_of(claim)
+    outlook = Outlook(0.0, own.costs_here()) if claim is None else own.outlook_of(claim)
+    if outlook.costs_q.shape != priced.shape:
+        raise ValueError(f"costs for {outlook.costs_q.shape} tasks, {priced.shape} needed")
     costs = np.where(priced == fleet.tasks.generations, outlook.costs_q, UNREACHABLE).astype(np.uint8)
     for slot, generation, _ in fleet.shunned:
         if fleet.tasks.generations[slot] == generation:

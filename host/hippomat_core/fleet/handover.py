@@ -79,7 +79,7 @@ def _released(fleet: FleetState, problem: Problem, claim: OwnClaim, own: OwnInpu
     """The snapshot as it would be had we no claim, and no wish for its task."""
     robot = fleet.robot
     costs_q = problem.costs_q.copy()
-    costs_q[robot] = own.costs_q
+    costs_q[robot] = own.costs_here()
     costs_q[robot, claim.id.slot] = UNREACHABLE
     us, task = np.arange(len(costs_q)) == robot, np.arange(costs_q.shape[1]) == claim.id.slot
     return replace(

@@ -13,10 +13,10 @@ from hippomat_core.fleet.peers import Peer, is_newer
 from hippomat_core.fleet.rows import Relayed, Row, claim_news, newest_row
 from hippomat_core.fleet.state import FleetState, Heard, awake
 from hippomat_core.fleet.tasks import turned_effects
-from hippomat_core.fleet.votes import claim_of
 from hippomat_core.messages import ERROR, WARNING, AlarmCleared, AlarmRaised, Effect
 from hippomat_core.replaced import replace
 from hippomat_core.wire.frames import (
+    NO_SLOT,
     OPERATOR,
     WAITING,
     AirClaim,
@@ -71,20 +71,17 @@ def heard_state(fleet: FleetState, stamp_ns: int, header: Header, frame: StateFr
     before = fleet.row(sender)
     fleet, effects = _digest_alarm(fleet, peer)
     effects += claim_news(before, newest_row(peer, None))
-    fleet = replace(
-        fleet,
-        peers=_put(fleet.peers, sender, peer),
-        relayed=_put(fleet.relayed, sender, None),  # what was passed on before is older
-    )
+    peers = _put(fleet.peers, sender, peer)
+    relayed = _put(fleet.relayed, sender, None)  # what was passed on before is older
     if not agrees:
-        return fleet, effects
+        return replace(fleet, peers=peers, relayed=relayed), effects
     fleet, learnt = _learnt_from_claim(fleet, frame.claim, stamp_ns)
     tasks = fleet.tasks
     digests_agree = frame.generations_digest == tasks.digest
     votes = rule_f.after_row(
         fleet.votes, sender, peer.claim, digests_agree, tasks.generations, stamp_ns, fleet.timing
     )
-    return replace(fleet, votes=votes), effects + learnt
+    return replace(fleet, peers=peers, relayed=relayed, votes=votes), effects + learnt
 
 
 def heard_tasks(fleet: FleetState, stamp_ns: int, header: Header, frame: TasksFrame) -> Heard:
@@ -144,7 +141,7 @@ def _is_newer_row(fleet: FleetState, relayed: Relayed, held: Row) -> bool:
 
 def _learnt_from_claim(fleet: FleetState, claim: AirClaim | RelayRow, stamp_ns: int) -> Heard:
     """A claim proves its generation, whoever passed it on: no need to wait for TASKS."""
-    if claim_of(0, claim) is None or claim.generation <= fleet.tasks.generations[claim.slot]:
+    if claim.slot == NO_SLOT or claim.generation <= fleet.tasks.generations[claim.slot]:
         return fleet, []
     task = TaskSlot(claim.slot, claim.generation, WAITING, claim.x_cm, claim.y_cm, claim.z_cm)
     tasks = fleet.tasks.advanced(task, fleet.sites, stamp_ns)
@@ -158,7 +155,7 @@ def _fits(fleet: FleetState, frame: StateFrame) -> bool:
         len(frame.costs) == slots
         and len(frame.task_states) == slots
         and len(frame.endorsed) == len(fleet.peers)
-        and (claim_of(0, frame.claim) is None or claimed < slots)
+        and (claimed == NO_SLOT or claimed < slots)
     )
 
 

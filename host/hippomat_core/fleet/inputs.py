@@ -38,11 +38,13 @@ class Outlook:
 class OwnInputs:
     """What the robot says of itself at the end of a round. Fleet frame.
 
-    A free robot broadcasts `costs_q`. One that holds a claim broadcasts its outlook instead, from the round
-    on in which it makes the claim; so others know when and where it will be free.
+    A free robot broadcasts what tasks cost from here. One that holds a claim broadcasts its outlook instead,
+    from the round on in which it makes the claim; so others know when and where it will be free.
     """
 
-    costs_q: NDArray[np.uint8]  # (M,) from here, for fleet.tasks as it is at the call; 255 = unreachable
+    costs_here: Callable[
+        [], NDArray[np.uint8]
+    ]  # (M,) for fleet.tasks as it is at the call; 255 = unreachable
     can_request: bool
     why_not: str = ""  # if it cannot
     arrived: bool = False  # within the goal tolerance of the claim's destination
@@ -63,4 +65,4 @@ class OwnInputs:
 
     def outlook_of(self, claim: OwnClaim) -> Outlook:
         """With `claim` in hand."""
-        return Outlook(0.0, self.costs_q) if self.outlook is None else self.outlook(claim)
+        return Outlook(0.0, self.costs_here()) if self.outlook is None else self.outlook(claim)

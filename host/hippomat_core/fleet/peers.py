@@ -8,11 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hippomat_core.fleet.votes import ClaimId, claim_of
+from hippomat_core.replaced import quickly_made
 from hippomat_core.wire.frames import FLAG_LOCALIZED, Header, StateFrame
 
 _SEQUENCES = 1 << 24
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
     """The last STATE of a robot that knew where it was."""
@@ -22,6 +24,7 @@ class Placed:
     round: int
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class Peer:
     """The last STATE of one robot."""

@@ -82,9 +82,8 @@ class RoundClock:
         clock = replace(self, radio_time_us=event.radio_time_us, read_ns=event.stamp_ns, offset_ns=least_ns)
         if offset_ns - least_ns >= self.round_ns:
             return clock._with_late(offset_ns), False
-        clock = replace(clock, late=0)
         next_ns = event.stamp_ns + self.round_ns + self.round_ns // 2
-        clock = replace(clock, start_ns=next_ns, start_round=event.round + 1)
+        clock = replace(clock, late=0, start_ns=next_ns, start_round=event.round + 1)
         if not anew and event.round <= self.round:
             return clock, False
         return replace(clock, round=event.round, common=True), True

@@ -39,8 +39,6 @@ class RoundOutcome:
 def end_round(fleet: FleetState, stamp_ns: int, own: OwnInputs) -> tuple[FleetState, RoundOutcome]:
     """Ends round `fleet.clock.round` at `stamp_ns`, which radio_ended or ended_alone has begun to end."""
     fleet = awake(fleet, stamp_ns)
-    if own.costs_q.shape != fleet.tasks.generations.shape:
-        raise ValueError(f"costs for {own.costs_q.shape} tasks, {fleet.tasks.generations.shape} needed")
     generations = fleet.tasks.generations
     effects: list[Effect] = []
     for step in (_expire, judge, _vote, confirm, turn, serve, hand_over, _decide):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hippomat_core.fleet.peers import Peer
 from hippomat_core.fleet.votes import ClaimId, claim_of
 from hippomat_core.messages import Effect, PeerClaimSeen
+from hippomat_core.replaced import quickly_made
 from hippomat_core.wire.frames import (
     FLAG_LOCALIZED,
     FLAG_STOPPED,
@@ -29,6 +30,7 @@ from hippomat_core.wire.frames import (
 HEARD_DIRECTLY = 255  # Row.via
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class Relayed:
     """A row that another robot passed on, newer than the one its owner told us."""
@@ -41,6 +43,7 @@ class Relayed:
     header: Header  # of the RELAY
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
     """What the fleet's state makes of one robot in a round."""

@@ -155,6 +155,8 @@ def awake(fleet: FleetState, stamp_ns: int, radio_time_us: int | None = None) ->
 
     radio_time_us: when our radio heard what is told now; a hold-up between it and us shows by that alone.
     """
+    if stamp_ns == fleet.last_stamp_ns and radio_time_us is None:  # as it was noticed a moment ago
+        return fleet
     if fleet.clock.start_ns is None:
         fleet = started(fleet, stamp_ns)
     held_ns = stamp_ns - fleet.last_stamp_ns

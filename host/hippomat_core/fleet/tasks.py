@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -26,7 +27,7 @@ CONTINUOUS = "continuous"
 T = TypeVar("T", bound=np.generic)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)  # without slots: the digest is kept
 class Tasks:
     """M slots. Arrays are never written to after they are stored."""
 
@@ -64,7 +65,7 @@ class Tasks:
         positions_cm = _frozen(np.asarray(places, np.int16))
         return replace(tasks, states=_frozen(np.full(m, WAITING, np.uint8)), positions_cm=positions_cm)
 
-    @property
+    @cached_property
     def digest(self) -> int:
         """32 bits over generations and states, for STATE."""
         return zlib.crc32(self.states.tobytes(), zlib.crc32(self.generations.astype("<u2").tobytes()))

@@ -16,6 +16,7 @@ Common rounds shorten no interval: a robot without a radio's count is in the sam
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from hippomat_core.config import FleetConfig
 
@@ -28,7 +29,7 @@ TURN_ROUNDS = 2  # on_claim: a confirmed claim waits this long for late votes be
 DEAD_S = 3.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # without slots: what is derived is kept
 class Timing:
     """All in nanoseconds of the robot's monotonic clock."""
 
@@ -38,46 +39,46 @@ class Timing:
     def of(config: FleetConfig) -> Timing:
         return Timing(round(config.round_s * 1e9))
 
-    @property
+    @cached_property
     def lease_ns(self) -> int:
         """A vote counts this long after it was heard."""
         return LEASE_ROUNDS * self.round_ns
 
-    @property
+    @cached_property
     def round_us(self) -> int:
         """As the radios count it: whole milliseconds."""
         return round(self.round_ns / 1e6) * 1000
 
-    @property
+    @cached_property
     def hold_ns(self) -> int:
         """A hold-up of this robot that may go unnoticed."""
         return HOLD_ROUNDS * self.round_ns
 
-    @property
+    @cached_property
     def delay_ns(self) -> int:
         return SLOT_ROUNDS * self.round_ns + self.hold_ns
 
-    @property
+    @cached_property
     def dead_ns(self) -> int:
         """T_dead: a robot unheard for so long is taken for dead; never less than ten rounds."""
         return max(round(DEAD_S * 1e9), 10 * self.round_ns)
 
-    @property
+    @cached_property
     def fallow_ns(self) -> int:
         """After a vote was released because its owner was unheard, until the next vote on that task."""
         return self.lease_ns + self.delay_ns
 
-    @property
+    @cached_property
     def tag_reuse_ns(self) -> int:
         """From the end of a claim until its tag may name another; also the silence of claims after a boot."""
         return self.dead_ns + self.lease_ns + self.delay_ns
 
-    @property
+    @cached_property
     def refused_ns(self) -> int:
         """A claim unconfirmed for so long, though a majority is heard, is given up."""
         return 2 * self.dead_ns
 
-    @property
+    @cached_property
     def settle_ns(self) -> int:
         """From a task's new generation until it is allocated.
 
@@ -86,11 +87,11 @@ class Timing:
         """
         return round(SETTLE_ROUNDS * self.round_ns)
 
-    @property
+    @cached_property
     def handover_ns(self) -> int:
         """Whoever handed a task over leaves it alone for so long."""
         return HANDOVER_ROUNDS * self.round_ns
 
-    @property
+    @cached_property
     def turn_ns(self) -> int:
         return TURN_ROUNDS * self.round_ns

@@ -55,7 +55,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.fleet.timing import Timing
-from hippomat_core.replaced import replace
+from hippomat_core.replaced import quickly_made, replace
 from hippomat_core.wire.frames import NO_SLOT, AirClaim, RelayRow
 
 # phases of a vote
@@ -69,6 +69,7 @@ FORGET_NS = 600 * 10**9  # a dormant vote is dropped after this
 UNKNOWN_ROUND = -1  # of a claim that was only passed on: RELAY does not carry it
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class ClaimId:
     """What a robot froze when it claimed; names the claim among all that are alive.
@@ -131,8 +132,12 @@ def after_row(
         if vote.claim.robot != robot:
             kept.append(vote)
         elif claim is not None and _is_same(vote, claim):
-            held = vote if vote.phase == DOUBTFUL else replace(vote, phase=GIVEN, seen_ns=stamp_ns)
-            kept.append(replace(held, claim=claim))
+            doubtful = vote.phase == DOUBTFUL
+            kept.append(
+                replace(vote, claim=claim)
+                if doubtful
+                else replace(vote, claim=claim, phase=GIVEN, seen_ns=stamp_ns)
+            )
         elif vote.claim.generation >= newest[vote.claim.slot] and not digests_agree:
             until_ns = vote.until_ns if vote.phase == DOUBTFUL else stamp_ns + timing.dead_ns
             kept.append(replace(vote, phase=DOUBTFUL, until_ns=until_ns))

@@ -117,7 +117,8 @@ def path_length_m(path: Path, resolution_m: float) -> float:
     """Length of a path along its cell centres [m], in the planner's own integer costs."""
     if len(path) < 2:
         return 0.0
-    diagonal = int(np.count_nonzero(np.abs(np.diff(path, axis=0)).sum(axis=1) == 2))
+    moves = np.abs(path[1:] - path[:-1])
+    diagonal = int(np.count_nonzero(moves[:, 0] + moves[:, 1] == 2))
     steps = STRAIGHT * (len(path) - 1 - diagonal) + DIAGONAL * diagonal
     return steps * resolution_m / STRAIGHT
 

@@ -139,6 +139,6 @@ def distances_at(
     if cell != costmap.grid.cell_of(x_m, y_m):
         centre_x, centre_y = costmap.grid.centre_of(*cell)
         extra_m = math.hypot(centre_x - x_m, centre_y - y_m)
-    node = costmap.graph.node_of(cell)
-    units = np.array([field.nodes[node] for field in fields], np.int32)
-    return np.asarray(in_metres(units, costmap.grid.resolution_m) + extra_m, np.float64)
+    node, unit_m = costmap.graph.node_of(cell), costmap.grid.resolution_m / STRAIGHT
+    units = [field.nodes.item(node) for field in fields]  # a dozen numbers: no work for arrays
+    return np.array([math.inf if way == UNREACHED else way * unit_m + extra_m for way in units], np.float64)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hippomat_core.config import Config
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
-from hippomat_core.replaced import replace
+from hippomat_core.replaced import quickly_made, replace
 from hippomat_core.wire.frames import MAX_INTENT_STEPS, NO_SLOT, StateFrame
 
 Cells = NDArray[np.int32]  # (K, 2) [ix, iy]
@@ -31,6 +31,7 @@ COMMITTED_M = 0.02  # a standing peer may just have started
 TOLERANCE_M = 0.002
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class PeerMotion:
     """A peer as last heard; map frame."""
@@ -77,7 +78,8 @@ def encode_intent(cells: Cells) -> tuple[int, int, NDArray[np.uint8]]:
 
     A move is (dx+1) + 3 (dy+1) + 9 (dz+1); ground robots have dz = 0.
     """
-    moves = np.diff(cells[: MAX_INTENT_STEPS + 1], axis=0)
+    sent = cells[: MAX_INTENT_STEPS + 1]
+    moves = sent[1:] - sent[:-1]
     steps = (moves[:, 0] + 1 + 3 * (moves[:, 1] + 1) + 9).astype(np.uint8)
     return int(cells[0, 0]), int(cells[0, 1]), steps
 
@@ -85,9 +87,11 @@ def encode_intent(cells: Cells) -> tuple[int, int, NDArray[np.uint8]]:
 def decode_intent(ix: int, iy: int, steps: NDArray[np.uint8]) -> Cells:
     """The cells (K, 2) of an intent, first one included; height is left out."""
     moves = steps.astype(np.int32)
-    deltas = np.stack([moves % 3 - 1, moves // 3 % 3 - 1], axis=1)
-    first = np.array([[ix, iy]], np.int32)
-    return np.concatenate([first, first + np.cumsum(deltas, axis=0)]).astype(np.int32)
+    cells = np.empty((len(moves) + 1, 2), np.int32)
+    cells[0] = ix, iy
+    cells[1:, 0] = moves % 3 - 1
+    cells[1:, 1] = moves // 3 % 3 - 1
+    return cells.cumsum(axis=0, dtype=np.int32)
 
 
 @lru_cache(maxsize=256)  # asked for at every tick, and told anew at every second one
@@ -97,6 +101,7 @@ def _known_intent(ix: int, iy: int, steps: bytes) -> Cells:
     return cells
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class Taken:
     """Discs that others have taken, seen from where we are. T discs in all."""

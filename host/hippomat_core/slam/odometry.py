@@ -71,16 +71,18 @@ class Odometry:
 def moved(odometry: Odometry, feedback: BaseFeedback) -> Odometry:
     """The pose after one frame of the base; a jump of its counters moves nothing and is counted."""
     raw = (feedback.odom_x_mm, feedback.odom_y_mm, feedback.odom_yaw_mrad)
-    odometry = replace(odometry, clock=odometry.clock.after(feedback.stamp_ns))
+    clock = odometry.clock.after(feedback.stamp_ns)
     if odometry.last is None:
-        begun = replace(odometry, last=raw, stamp_ns=feedback.stamp_ns, window=(feedback.stamp_ns, 0.0, 0.0))
-        return replace(begun, trail=((odometry.clock.end_ns, *odometry.pose),))
+        begun = (feedback.stamp_ns, 0.0, 0.0)
+        trail = ((clock.end_ns, *odometry.pose),)
+        return replace(odometry, clock=clock, last=raw, stamp_ns=feedback.stamp_ns, window=begun, trail=trail)
     east_m = _wrapped(raw[0] - odometry.last[0]) / 1000.0
     north_m = _wrapped(raw[1] - odometry.last[1]) / 1000.0
     turned_rad = math.remainder(_wrapped(raw[2] - odometry.last[2]) / 1000.0, math.tau)
     turnable_rad = JUMP_RAD + FASTEST_RADPS * max(feedback.stamp_ns - odometry.stamp_ns, 0) / 1e9
     if math.hypot(east_m, north_m) > JUMP_M or abs(turned_rad) > turnable_rad:
-        return replace(odometry, last=raw, stamp_ns=feedback.stamp_ns, jumps=odometry.jumps + 1)
+        jumps = odometry.jumps + 1
+        return replace(odometry, clock=clock, last=raw, stamp_ns=feedback.stamp_ns, jumps=jumps)
 
     # The base has an odom frame of its own: turn the step into the base frame, then into our odom frame.
     odom_yaw = odometry.last[2] / 1000.0
@@ -89,14 +91,19 @@ def moved(odometry: Odometry, feedback: BaseFeedback) -> Odometry:
     yaw = odometry.yaw_rad
     x_m = odometry.x_m + math.cos(yaw) * forward_m - math.sin(yaw) * left_m
     y_m = odometry.y_m + math.sin(yaw) * forward_m + math.cos(yaw) * left_m
+    v_mps, wz_radps, window = _speed(odometry, feedback.stamp_ns, forward_m, turned_rad)
     return replace(
-        _speed(odometry, feedback.stamp_ns, forward_m, turned_rad),
+        odometry,
         x_m=x_m,
         y_m=y_m,
         yaw_rad=math.remainder(yaw + turned_rad, math.tau),
+        v_mps=v_mps,
+        wz_radps=wz_radps,
         last=raw,
         stamp_ns=feedback.stamp_ns,
-        trail=_longer(odometry, (odometry.clock.end_ns, x_m, y_m, turned_rad)),
+        window=window,
+        clock=clock,
+        trail=_longer(odometry, (clock.end_ns, x_m, y_m, turned_rad)),
     )
 
 
@@ -104,7 +111,7 @@ def _longer(odometry: Odometry, newest: tuple[int, float, float, float]) -> Trai
     """The trail with one more pose, whose last entry is the turn since the one before."""
     stamp_ns, x_m, y_m, turned_rad = newest
     before_rad = odometry.trail[-1][3] if odometry.trail else odometry.yaw_rad
-    recent = tuple(pose for pose in odometry.trail if 0 < stamp_ns - pose[0] <= TRAIL_NS)
+    recent = [pose for pose in odometry.trail if 0 < stamp_ns - pose[0] <= TRAIL_NS]
     return (*recent, (stamp_ns, x_m, y_m, before_rad + turned_rad))
 
 
@@ -112,18 +119,15 @@ def _wrapped(difference: int) -> int:
     return (difference + 0x8000) % 0x10000 - 0x8000
 
 
-def _speed(odometry: Odometry, stamp_ns: int, forward_m: float, turned_rad: float) -> Odometry:
-    """Mean speed over about 100 ms: single frames arrive too unevenly to divide by their spacing."""
+def _speed(
+    odometry: Odometry, stamp_ns: int, forward_m: float, turned_rad: float
+) -> tuple[float, float, tuple[int, float, float]]:
+    """v [m/s], wz [rad/s] and window. Mean speed over about 100 ms: single frames arrive too unevenly."""
     since_ns, driven_m, turned_sum_rad = odometry.window
     driven_m += forward_m
     turned_sum_rad += turned_rad
     elapsed_ns = stamp_ns - since_ns
     if elapsed_ns < SPEED_WINDOW_NS:
-        return replace(odometry, window=(since_ns, driven_m, turned_sum_rad))
+        return odometry.v_mps, odometry.wz_radps, (since_ns, driven_m, turned_sum_rad)
     seconds = elapsed_ns / 1e9
-    return replace(
-        odometry,
-        v_mps=driven_m / seconds,
-        wz_radps=turned_sum_rad / seconds,
-        window=(stamp_ns, 0.0, 0.0),
-    )
+    return driven_m / seconds, turned_sum_rad / seconds, (stamp_ns, 0.0, 0.0)

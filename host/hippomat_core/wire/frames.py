@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hippomat_core.fields import I16, U8, U16, U32, U64, U8Array
+from hippomat_core.replaced import quickly_made
 
 PROTOCOL_VERSION = 2
 MAX_FRAME = 250  # ESP-NOW v1
@@ -66,6 +67,7 @@ class AirClaim:
 NO_CLAIM = AirClaim(NO_SLOT, 0, 0, 0, False, 0, 0, 0, 0, 0)
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class StateFrame:
     """STATE, one per round and robot. M = len(costs), N = len(endorsed)."""
