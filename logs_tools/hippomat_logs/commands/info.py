@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 
 from hippomat_core.errors import LogError
-from hippomat_logs.opened_run import OpenedRun, group_opened, log_files
+from hippomat_logs.file_kinds import logs_among
+from hippomat_logs.opened_run import OpenedRun, distinct_logs, group_opened
 from hippomat_logs.part import END_METADATA, RECOVERY_METADATA
-from hippomat_logs.report import DAMAGED, REPRODUCED
+from hippomat_logs.report import DAMAGED, REPRODUCED, TOOL_ERROR
 from hippomat_logs.sources import FusedSource, McapSource, Source, opened_sources
 
 
@@ -36,22 +38,25 @@ def run(options: argparse.Namespace, console: Console) -> int:
     """What can be opened is shown, whatever else is broken."""
     sources: list[Source] = []
     broken: list[str] = []
-    for path in dict.fromkeys(file for one in options.paths for file in log_files(one)):
+    paths, foreign = logs_among(distinct_logs(options.paths))
+    for path in paths:
         try:
             sources.extend(opened_sources(path))
         except LogError as error:
             broken.append(str(error))
     runs = group_opened(sources)
     if options.json:
-        print(json.dumps({"runs": [as_json(opened) for opened in runs], "damaged": broken}, indent=2))
+        facts = {"runs": [as_json(opened) for opened in runs], "damaged": broken, "no_logs": foreign}
+        print(json.dumps(facts, indent=2))
     else:
         for opened in runs:
             show(opened, console)
         for line in broken:
-            console.print("damaged: ", style="red", end="")
-            console.print(line, markup=False)
+            console.print(f"[red]damaged[/red]: {escape(line)}")
+        for line in foreign:
+            console.print(f"left out: {line}", style="yellow", markup=False)
     lossy = any(state_of(opened)["damaged"] for opened in runs)
-    return DAMAGED if broken or lossy else REPRODUCED
+    return DAMAGED if broken or lossy else TOOL_ERROR if foreign else REPRODUCED
 
 
 def state_of(opened: OpenedRun) -> dict[str, Any]:
@@ -108,7 +113,8 @@ def show(opened: OpenedRun, console: Console) -> None:
     seconds = (ended_ns - begun_ns) / 1e9
     who = f"robot {opened.robot}" if opened.robot >= 0 else "observer"
     console.print(
-        f"[bold]{opened.name}[/bold]" + (f": {who} of fleet {facts.get('fleet', '?')}" if facts else "")
+        f"[bold]{escape(opened.name)}[/bold]"
+        + (f": {who} of fleet {facts.get('fleet', '?')}" if facts else "")
     )
     for source in opened.sources:
         console.print(f"  {source.path}", markup=False)
@@ -117,7 +123,7 @@ def show(opened: OpenedRun, console: Console) -> None:
     console.print(f"  begun {begun}, {seconds:.1f} s, {total:,} messages, {_size(opened) / 2**20:.1f} MiB")
     if isinstance(opened.sources[0], FusedSource):
         console.print(f"  one of the runs fused in this file, at {opened.sources[0].inside}", markup=False)
-    console.print(f"  {state['text']}{_by(facts)}")
+    console.print(f"  {state['text']}{_by(facts)}", markup=False)
     if state["shed"]:
         console.print(f"  [yellow]{state['shed']:,} bulk records were shed while recording[/yellow]")
     for line in _topic_lines(opened, seconds):

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from hippomat_core.errors import HippomatError, LogError
+from hippomat_logs.file_kinds import refuse_foreign
 from hippomat_logs.metrics.grouping import LoggedRun, by_directory, by_fused_file, by_time, span_ns
-from hippomat_logs.opened_run import OpenedRun, group_opened, log_files
+from hippomat_logs.opened_run import OpenedRun, distinct_logs, group_opened
 from hippomat_logs.sources import FusedSource, Source, opened_sources
 
 BY_TIME, BY_DIRECTORY = "time", "dir"
@@ -81,12 +82,12 @@ class Found:
 
 def find_trials(paths: Sequence[Path], by: str = BY_TIME) -> Found:
     """All trials in these logs and directories; reads indexes only."""
-    files = dict.fromkeys(file for path in paths for file in log_files(path))
     sources: list[Source] = []
     damaged: list[str] = []
     foreign: list[str] = []
-    for file in files:
+    for file in distinct_logs(paths):
         try:
+            refuse_foreign(file)
             sources += opened_sources(file)
         except LogError as error:
             damaged.append(str(error))
@@ -94,7 +95,7 @@ def find_trials(paths: Sequence[Path], by: str = BY_TIME) -> Found:
             foreign.append(str(error))
     opened = group_opened(sources)
     runs = [_logged(one) for one in opened if one.manifest]
-    foreign += [f"{one.sources[0].path}: not a robot's log of ours" for one in opened if not one.manifest]
+    damaged += [f"{one.sources[0].path}: its run manifest is lost" for one in opened if not one.manifest]
     root = _root(paths)
     fused = by_fused_file(runs)
     own = [run for run in runs if not run.inside]
