@@ -137,6 +137,16 @@ def each_once(paths: Iterable[Path]) -> list[Path]:
     return list(found.values())
 
 
+def refuse_copies(parts: Iterable[tuple[int, Path]]) -> None:
+    """HippomatError where two files are the same part of a run, whose messages would count twice."""
+    known: dict[int, Path] = {}
+    for part, path in parts:
+        if (other := known.setdefault(part, path)) != path:
+            raise HippomatError(
+                f"{other} and {path} are both part {part} of one run: one is a copy or a cut; name one"
+            )
+
+
 def _identity(path: Path) -> object:
     try:
         stat = os.stat(path)

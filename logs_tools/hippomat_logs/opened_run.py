@@ -12,7 +12,7 @@ from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.column_table import Table, table_of
-from hippomat_logs.file_kinds import LOG_SUFFIXES, each_once, refuse_missing
+from hippomat_logs.file_kinds import LOG_SUFFIXES, each_once, refuse_copies, refuse_missing
 from hippomat_logs.mcap_file import RawRow
 from hippomat_logs.part import RUN_METADATA
 from hippomat_logs.reader import NAME_KEY
@@ -172,7 +172,10 @@ def group_runs(paths: Path | str | Sequence[Path | str]) -> list[OpenedRun]:
     """All runs in these files and directories: our parts by robot and session, any other file alone."""
     given = [paths] if isinstance(paths, (str, Path)) else paths
     files = distinct_logs([Path(one) for one in given])
-    return group_opened([source for path in files for source in opened_sources(path)])
+    runs = group_opened([source for path in files for source in opened_sources(path)])
+    for run in runs:
+        refuse_copies((int(manifest_of(one).get("part", "0")), one.path) for one in run.sources)
+    return runs
 
 
 def group_opened(opened: Iterable[Source]) -> list[OpenedRun]:

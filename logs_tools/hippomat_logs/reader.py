@@ -21,7 +21,7 @@ from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.config import Config
 from hippomat_core.errors import ConfigError, HippomatError, LogError
 from hippomat_logs.cdr_encoder import ENCAPSULATION
-from hippomat_logs.file_kinds import each_once, refuse_foreign
+from hippomat_logs.file_kinds import each_once, refuse_copies, refuse_foreign
 from hippomat_logs.manifest import config_of
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.schema import CLASSES, DERIVED, TOPICS, MessageStore
@@ -284,6 +284,7 @@ def _opened(places: Sequence[tuple[Path, str]]) -> list[Run]:
         known.add(key[:2])
         parts = groups[key]
         parts.sort(key=lambda part: part[0])
+        refuse_copies(part[:2] for part in parts)
         total, first = sum(messages for *_, messages in parts), parts[0][2]
         paths_in_order = tuple(path for _, path, *_ in parts)
         policy = next((contents.policy for *_, contents, _ in parts if contents.policy), b"")

@@ -47,10 +47,13 @@ def run(options: argparse.Namespace, console: Console) -> int:
     runs = group_opened(sources)
     if options.json:
         facts = {"runs": [as_json(opened) for opened in runs], "damaged": broken, "no_logs": foreign}
-        print(json.dumps(facts, indent=2))
+        print(json.dumps({**facts, "fused_files": _fused_files(runs)}, indent=2))
     else:
         for opened in runs:
             show(opened, console)
+        for file in _fused_files(runs):
+            size = f"{len(file['runs'])} runs, {file['bytes'] / 2**20:.1f} MiB"
+            console.print(f"{file['file']}: {size}", markup=False)
         for line in broken:
             console.print(f"[red]damaged[/red]: {escape(line)}")
         for line in foreign:
@@ -65,10 +68,13 @@ def state_of(opened: OpenedRun) -> dict[str, Any]:
     rescued = [_metadata(source, RECOVERY_METADATA) for source in opened.sources]
     parts = [int(_manifest(source).get("part", "0")) for source in opened.sources]
     complete = parts == list(range(len(parts))) and ends[-1].get("final") == "yes"
+    twice = sorted({part for part in parts if parts.count(part) > 1})
     if not opened.manifest:
         text, complete = "not recorded by hippomat", True
     elif any(_manifest(source).get("recovered") for source in opened.sources):
         text, complete = "recovered after a crash: its last moments are missing", True
+    elif twice:
+        text = f"part {', '.join(map(str, twice))} is here twice: one of these files is a copy or a cut of it"
     elif complete:
         text = "finished"
     else:
@@ -97,7 +103,7 @@ def as_json(opened: OpenedRun) -> dict[str, Any]:
         "files": [str(source.path) for source in opened.sources],
         "begun_ns": begun_ns,
         "seconds": (ended_ns - begun_ns) / 1e9,
-        "bytes": _size(opened),
+        "bytes": _size(opened),  # null: runs in one file have no size of their own
         "manifest": opened.manifest,
         "state": state_of(opened),
         "topics": {
@@ -120,7 +126,9 @@ def show(opened: OpenedRun, console: Console) -> None:
         console.print(f"  {source.path}", markup=False)
     begun = datetime.fromtimestamp(begun_ns / 1e9, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
     total = sum(topic.count or 0 for topic in opened.topics.values())
-    console.print(f"  begun {begun}, {seconds:.1f} s, {total:,} messages, {_size(opened) / 2**20:.1f} MiB")
+    size = _size(opened)
+    of_size = "" if size is None else f", {size / 2**20:.1f} MiB"
+    console.print(f"  begun {begun}, {seconds:.1f} s, {total:,} messages{of_size}")
     if isinstance(opened.sources[0], FusedSource):
         console.print(f"  one of the runs fused in this file, at {opened.sources[0].inside}", markup=False)
     console.print(f"  {state['text']}{_by(facts)}", markup=False)
@@ -158,7 +166,19 @@ def _topic_lines(opened: OpenedRun, seconds: float) -> list[str]:
     return [f"  {a:{name}}  {b:>{count}}  {c:>{rate_width}}  {d}" for a, b, c, d in rows]
 
 
-def _size(opened: OpenedRun) -> int:
+def _fused_files(runs: list[OpenedRun]) -> list[dict[str, Any]]:
+    """Each file that holds several runs, once, with its size."""
+    names: dict[Path, list[str]] = {}
+    for opened in runs:
+        if isinstance(opened.sources[0], FusedSource):
+            names.setdefault(opened.sources[0].path, []).append(opened.name)
+    return [{"file": str(path), "bytes": path.stat().st_size, "runs": of} for path, of in names.items()]
+
+
+def _size(opened: OpenedRun) -> int | None:
+    """Bytes of its files; None in a fused file, which is all its runs'."""
+    if isinstance(opened.sources[0], FusedSource):
+        return None
     files = [file for source in opened.sources for file in _files(source.path)]
     return sum(file.stat().st_size for file in files)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_core.messages import Started
-from hippomat_logs.file_kinds import refuse_foreign
+from hippomat_logs.file_kinds import refuse_copies, refuse_foreign
 from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.metrics import KINDS as METRICS_KINDS
 from hippomat_logs.metrics import MetricsReading, RobotMetrics
@@ -75,6 +75,7 @@ def find_logs(paths: Sequence[Path]) -> list[FoundLog]:
     logs: dict[tuple[int, str], FoundLog] = {}
     for robot, session, inside in sorted(groups):  # a run's own files come before a fused one that has it too
         parts = sorted(groups[robot, session, inside], key=lambda part: part[:2])
+        refuse_copies(part[:2] for part in parts)
         log = FoundLog(tuple(path for _, path, _ in parts), parts[0][2], inside)
         logs.setdefault((robot, session), log)
     found = list(logs.values())
