@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.markup import escape
 from rich.table import Table
 
 from hippomat_logs.alignment import Alignment, RunClock
@@ -32,7 +33,7 @@ def alignment_table(alignment: Alignment) -> Table:
     """One row per run; 80 characters wide."""
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for name in _COLUMNS:
-        table.add_column(name, justify="left" if name == "run" else "right", no_wrap=True)
+        table.add_column(escape(name), justify="left" if name == "run" else "right", no_wrap=True)
     for clock in alignment.clocks:
         median_ns, most_ns, _ = clock.residual_ns
         table.add_row(
@@ -107,11 +108,14 @@ def _clock_json(clock: RunClock) -> dict[str, Any]:
     return made
 
 
-def draw_alignment(alignment: Alignment, path: Path) -> None:
-    """Per receiver: how much later than it was sent each frame was heard, in common time."""
+def draw_alignment(alignment: Alignment, path: Path) -> bool:
+    """Per receiver: how much later than it was sent each frame was heard, in common time.
+
+    False, and no picture, where nobody heard anybody.
+    """
     heard = _heard(alignment)
     if not heard:
-        return
+        return False
     begun_ns = min(int(at.min()) for links in heard.values() for _, at, _ in links)
     late = np.concatenate([us for links in heard.values() for _, _, us in links])
     low, high = np.percentile(late, (0.5, 99.5)) + np.array([-50.0, 50.0])
@@ -136,6 +140,7 @@ def draw_alignment(alignment: Alignment, path: Path) -> None:
     figure.supylabel("late by [us]")
     figure.tight_layout()
     figure.savefig(path, dpi=DPI)
+    return True
 
 
 def _heard(alignment: Alignment) -> dict[str, list[tuple[str, NDArray[np.int64], NDArray[np.float64]]]]:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import lz4.frame
 import zstandard
 
-from hippomat_core.errors import HippomatError, LogError
+from hippomat_core.errors import LogError
 from hippomat_logs.mcap_writer import (
     ATTACHMENT_INDEX,
     CHANNEL,
@@ -162,7 +162,10 @@ def open_mcap(path: Path) -> McapFile:
 def _summary(data: memoryview, path: Path) -> tuple[int, int]:
     """Where the summary begins (0: there is none) and ends."""
     if data[: len(MAGIC)] != MAGIC:
-        raise HippomatError(f"{path}: does not begin with MCAP's magic bytes; is it an .mcap file?")
+        raise LogError(
+            f"{path}: does not begin with MCAP's magic bytes, its head is damaged: "
+            f"`hippomat-logs recover {path}` saves what can be read of ours"
+        )
     footer = len(data) - len(MAGIC) - FOOTER_BYTES
     whole = footer >= len(MAGIC) and data[-len(MAGIC) :] == MAGIC and data[footer] == FOOTER
     if not whole:

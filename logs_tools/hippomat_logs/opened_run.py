@@ -13,6 +13,7 @@ from pathlib import Path
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.column_table import Table, table_of
 from hippomat_logs.copies import each_part_once
+from hippomat_logs.file_kinds import LOG_SUFFIXES, each_once, refuse_missing
 from hippomat_logs.mcap_file import RawRow
 from hippomat_logs.part import RUN_METADATA
 from hippomat_logs.reader import NAME_KEY
@@ -171,7 +172,7 @@ def open_run(paths: Path | str | Sequence[Path | str]) -> OpenedRun:
 def group_runs(paths: Path | str | Sequence[Path | str]) -> list[OpenedRun]:
     """All runs in these files and directories: our parts by robot and session, any other file alone."""
     given = [paths] if isinstance(paths, (str, Path)) else paths
-    files = dict.fromkeys(file for one in given for file in log_files(Path(one)))
+    files = distinct_logs([Path(one) for one in given])
     return group_opened([source for path in files for source in opened_sources(path)])
 
 
@@ -193,15 +194,24 @@ def group_opened(opened: Iterable[Source]) -> list[OpenedRun]:
     return sorted(runs, key=lambda run: (run.robot, run.span_ns, run.name))
 
 
+def distinct_logs(paths: Iterable[Path]) -> list[Path]:
+    """All logs in these files and directories, each once."""
+    return each_once(file for path in paths for file in log_files(path))
+
+
 def log_files(path: Path) -> Iterator[Path]:
-    """The logs in a directory, however deep, each ROS 2 bag's directory as one; or the file itself."""
+    """The logs in a directory, however deep, each ROS 2 bag's directory as one; or the file itself.
+
+    HippomatError where there is none.
+    """
+    refuse_missing(path)
     if not path.is_dir() or (path / "metadata.yaml").exists():
         yield path
         return
     found = False
     bags = {one.parent for one in path.rglob("metadata.yaml")}
     yield from sorted(bags)
-    for file in sorted(file for pattern in ("*.mcap", "*.bag", "*.db3") for file in path.rglob(pattern)):
+    for file in sorted(file for suffix in LOG_SUFFIXES for file in path.rglob(f"*{suffix}")):
         if file.parent not in bags:
             found = True
             yield file

@@ -21,6 +21,7 @@ POLICY_ATTACHMENT = "policy.safetensors"  # behind the manifest, where the alloc
 END_METADATA = "hippomat.end"  # last of a part that was finished
 RECOVERY_METADATA = "hippomat.recovery"  # last of a part that was recovered: what it lost
 FUSED_METADATA = "hippomat.fused"  # first of a file that holds several runs: "runs" names their prefixes
+MERGED_METADATA = "hippomat.merged"  # first of one that holds several side by side: their files
 SPAN_METADATA = "hippomat.span"  # of each run in it: its first and last own log time
 CHANNELS_KEY = (
     "channels_crc32"  # of the manifest: which channels the part has, should its first chunk be lost

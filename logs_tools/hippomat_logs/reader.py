@@ -22,6 +22,7 @@ from hippomat_core.config import Config
 from hippomat_core.errors import ConfigError, HippomatError, LogError
 from hippomat_logs.cdr_encoder import ENCAPSULATION
 from hippomat_logs.copies import each_part_once
+from hippomat_logs.file_kinds import each_once, refuse_foreign
 from hippomat_logs.manifest import config_of
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.schema import CLASSES, DERIVED, TOPICS, MessageStore
@@ -248,7 +249,10 @@ def open_runs(paths: Sequence[Path]) -> list[Run]:
 
     A run that is there both as its own files and in a fused one is given once, as its own files.
     """
-    return _opened([(path, inside) for path in _expanded(paths) for inside in runs_inside(path) or ("",)])
+    files = each_once(_expanded(paths))
+    for path in files:
+        refuse_foreign(path)
+    return _opened([(path, inside) for path in files for inside in runs_inside(path) or ("",)])
 
 
 def open_again(paths: Sequence[Path], inside: str) -> Run:
@@ -294,15 +298,15 @@ def runs_inside(path: Path) -> tuple[str, ...]:
 
 def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
     for path in paths:
-        if path.is_dir():
-            found = sorted(path.rglob("*.mcap"))
-            if not found and next(path.rglob(f"*{ACTIVE}"), None) is not None:
-                raise LogError(f"{path}: holds unfinished logs only: `hippomat-logs recover {path}`")
-            if not found:
-                raise HippomatError(f"{path}: holds no .mcap file; give a log or a directory of logs")
-            yield from found
-        else:
+        if not path.is_dir():
             yield path
+            continue
+        found = sorted(path.rglob("*.mcap"))
+        if not found and next(path.rglob(f"*{ACTIVE}"), None) is not None:
+            raise LogError(f"{path}: holds unfinished logs only: `hippomat-logs recover {path}`")
+        if not found:
+            raise HippomatError(f"{path}: holds no .mcap file; give a robot's log or a directory of them")
+        yield from found
 
 
 def read_contents(path: Path, store: MessageStore, inside: str = "") -> tuple[Contents, int]:

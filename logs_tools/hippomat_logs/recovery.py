@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
+from hippomat_logs.file_kinds import refuse_foreign, refuse_missing
 from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.part import RECOVERY_METADATA, PartWriter, our_channels
 from hippomat_logs.reader import mapped, read_raw, reading_store
@@ -41,10 +42,11 @@ def recover_directory(directory: Path | str) -> list[str]:
 def recover(path: Path | str) -> list[str]:
     """`hippomat-logs recover`: a directory, a NAME.mcap.active, or a damaged NAME.mcap."""
     path = Path(path)
-    if path.is_dir():
-        return recover_directory(path)
-    if not path.exists():
-        raise HippomatError(f"{path}: no such file or directory")
+    refuse_missing(path)
+    if path.is_dir():  # however deep: wherever the other commands look for logs
+        directories = sorted({path, *(left.parent for left in path.rglob(f"*.mcap{ACTIVE}"))})
+        return [line for directory in directories for line in recover_directory(directory)]
+    refuse_foreign(path)
     if path.name.endswith(ACTIVE):
         return [recover_active(path, reading_store())]
     return [_recover_finished(path, reading_store())]

@@ -16,12 +16,17 @@ from hippomat_core.messages import Tick
 from hippomat_logs.log_writer import LogWriter, writing
 from hippomat_logs.mcap_file import RawRow
 from hippomat_logs.opened_run import OpenedRun, manifest_of
-from hippomat_logs.part import CHANNELS_KEY, END_METADATA, RECOVERY_METADATA, RUN_METADATA
+from hippomat_logs.part import (
+    CHANNELS_KEY,
+    END_METADATA,
+    MERGED_METADATA,
+    RECOVERY_METADATA,
+    RUN_METADATA,
+)
 from hippomat_logs.schema import CLASSES, LATCHED, TOPICS
 from hippomat_logs.sources import FOREVER, McapSource, Source, merged
 
 TICK = TOPICS[Tick]
-MERGED_METADATA = "hippomat.merged"  # names the files of several runs in one
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,11 +19,11 @@ from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-from hippomat_core.errors import HippomatError, LogError
+from hippomat_core.errors import LogError
 from hippomat_logs.cdr_layout import Field, fields_of_type
+from hippomat_logs.file_kinds import Kind, refuse_no_log
 from hippomat_logs.mcap_file import Channel, McapFile, RawRow, open_mcap
 from hippomat_logs.part import FUSED_METADATA, SPAN_METADATA
-from hippomat_logs.sink import ACTIVE
 
 FOREVER = 1 << 63
 _SERVICE = "its definition is a service's (---), which is no message"
@@ -225,19 +225,10 @@ class RosbagSource:
 
 def open_source(path: Path) -> Source:
     """Whatever `path` is; one line says what is wrong with it."""
-    if not path.exists():
-        raise HippomatError(f"{path}: no such file or directory")
-    if path.is_dir() and not (path / "metadata.yaml").exists():
-        raise HippomatError(
-            f"{path}: is no ROS 2 bag (it has no metadata.yaml); give a file, or such a directory"
-        )
-    if path.is_file() and path.stat().st_size == 0:
+    kind = refuse_no_log(path)
+    if kind is Kind.EMPTY:
         raise LogError(f"{path}: is empty; nothing was recorded in it")
-    if path.suffix == ".mcap" or path.name.endswith(ACTIVE):
-        return McapSource(path)
-    if path.is_dir() or path.suffix in (".bag", ".db3"):
-        return RosbagSource(path)
-    raise HippomatError(f"{path}: is not a log: give an .mcap, a .bag, a .db3 or a ROS 2 bag's directory")
+    return RosbagSource(path) if kind in (Kind.BAG, Kind.DB3, Kind.ROS2_BAG) else McapSource(path)
 
 
 def merged(sources: Collection[Source]) -> Iterator[tuple[Source, RawRow]]:

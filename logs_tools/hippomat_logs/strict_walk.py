@@ -40,15 +40,12 @@ def walk_strictly(
     end, promised = check_frame(data, name)
     first = [opcode for (opcode, _, _), _ in zip(records(data, len(MAGIC), end), range(2), strict=False)]
     if first != [HEADER, METADATA]:
-        raise LogError(f"{name}: has no run manifest behind its header; was it recorded by hippomat?")
+        raise LogError(f"{name}: has no run manifest behind its header, as every log of ours does")
     for at, opcode, body, behind in with_offsets(data, len(MAGIC), end):
         yield from record(opcode, body, at, contents, inside)
         contents.complete_bytes = behind
     if not contents.manifest:
-        raise LogError(
-            f"{name}: holds no {RUN_METADATA} metadata; was it recorded by hippomat? (A merged file is for "
-            "viewers: here the robots' own logs are needed, or what `hippomat-logs fuse` makes of them.)"
-        )
+        raise LogError(f"{name}: holds no {RUN_METADATA} metadata, as every log of ours does")
     if contents.messages != promised:
         raise LogError(f"{name}: {contents.messages} messages read, but its summary promises {promised}")
 
@@ -70,9 +67,7 @@ def check_frame(data: memoryview, name: str) -> tuple[int, int]:
         raise damaged("footer damaged")
     end = summary - DATA_END_BYTES
     if not summary_crc or not struct.unpack_from("<I", data, end + 9)[0]:
-        raise LogError(
-            f"{name}: carries no checksums, as every log of ours does: was it recorded by hippomat?"
-        )
+        raise damaged("carries no checksums, as every log of ours does")
     if zlib.crc32(data[summary : footer + 9 + 16]) != summary_crc:
         raise damaged("summary or footer checksum wrong")
     if PREFIX.unpack_from(data, end) != (DATA_END, 4):

@@ -17,7 +17,7 @@ from recorded_run import recorded_log
 
 from hippomat_core import messages as m
 from hippomat_core.config import LogConfig
-from hippomat_core.errors import LogError
+from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs import examination
 from hippomat_logs.cli import main
 from hippomat_logs.examination import DAMAGE, LOSS, REMARK, Examination, examine
@@ -48,7 +48,7 @@ FAULTS: list[tuple[str, Callable[[bytes], bytes], str, str]] = [
     ),
     ("manifest", lambda data: flipped(data, data.find(b"core_hash") + 20), DAMAGE, "metadata hippomat.run"),
     ("empty", lambda _: b"", LOSS, "is empty"),
-    ("no log", lambda _: b"no log at all, but long enough to be one", DAMAGE, "magic bytes"),
+    ("no head", lambda data: bytes(8) + data[8:], DAMAGE, "magic bytes"),
 ]
 
 
@@ -180,8 +180,9 @@ def test_info_goes_on_where_one_log_is_broken(
 
 def test_a_log_of_somebody_else_is_called_that_and_not_damaged():
     bag = data_folder() / "bags" / "talker.mcap"
-    with pytest.raises(LogError, match="was it recorded by hippomat"):
+    with pytest.raises(HippomatError, match="is no log of a hippomat daemon") as raised:
         open_runs([bag])
+    assert not isinstance(raised.value, LogError)
 
 
 def test_it_says_how_far_it_is_inside_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 
+from hippomat_core.errors import HippomatError
 from hippomat_logs.each_file import each_file, share_bar
 from hippomat_logs.examination import DAMAGE, LOSS, Examination, between_parts, examine
+from hippomat_logs.file_kinds import each_once, logs_among
 from hippomat_logs.opened_run import log_files
-from hippomat_logs.report import DAMAGED, REPRODUCED
+from hippomat_logs.report import DAMAGED, REPRODUCED, TOOL_ERROR
 from hippomat_logs.sink import ACTIVE
 
 SHOWN = 20
@@ -25,7 +28,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    paths = list(dict.fromkeys(path for one in options.paths for path in _with_unfinished(one)))
+    given = each_once(path for one in options.paths for path in _with_unfinished(one))
+    paths, foreign = logs_among(given)
     if len(paths) == 1:
         with share_bar(f"examining {paths[0].name}") as told:
             examined = [examine(paths[0], told)]
@@ -35,16 +39,17 @@ def run(options: argparse.Namespace, console: Console) -> int:
     sound = all(found.sound for found in examined) and not between
     if options.json:
         facts = {"files": [_as_json(found) for found in examined], "runs": between, "sound": sound}
-        print(json.dumps(facts, indent=2))
+        print(json.dumps({**facts, "no_logs": foreign}, indent=2))
     else:
         for found in examined:
             _show(found, console)
         for line in between:
-            console.print("[red]loss[/red]    ", end="")
-            console.print(line, markup=False)
+            console.print(f"[red]loss[/red]    {escape(line)}")
         good = sum(found.sound for found in examined)
         console.print(f"{good} of {len(examined)} files are sound")
-    return REPRODUCED if sound else DAMAGED
+        for line in foreign:
+            console.print(f"left out: {line}", style="yellow", markup=False)
+    return DAMAGED if not sound else TOOL_ERROR if foreign else REPRODUCED
 
 
 def _with_unfinished(path: Path) -> list[Path]:
@@ -52,7 +57,7 @@ def _with_unfinished(path: Path) -> list[Path]:
     unfinished = sorted(path.rglob(f"*.mcap{ACTIVE}")) if path.is_dir() else []
     try:
         return [*log_files(path), *unfinished]
-    except Exception:
+    except HippomatError:
         if unfinished:
             return unfinished
         raise
@@ -60,10 +65,10 @@ def _with_unfinished(path: Path) -> list[Path]:
 
 def _show(found: Examination, console: Console) -> None:
     verdict = "sound" if found.sound else "[red]not sound[/red]"
-    console.print(f"[bold]{found.path.name}[/bold]: {verdict}, {found.records:,} messages examined")
+    console.print(f"[bold]{escape(found.path.name)}[/bold]: {verdict}, {found.records:,} messages examined")
     for (kind, text), count in list(found.faults.items())[:SHOWN]:
-        console.print(f"  [{_COLOURS.get(kind, 'yellow')}]{kind}[/]{' ' * (8 - len(kind))}", end="")
-        console.print(f"{text}{f' ({count} times)' if count > 1 else ''}", markup=False)
+        times = f" ({count} times)" if count > 1 else ""
+        console.print(f"  [{_COLOURS.get(kind, 'yellow')}]{kind:8}[/]{escape(text)}{times}")
     if len(found.faults) > SHOWN:
         console.print(f"  and {len(found.faults) - SHOWN} more (all with --json)")
 

@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 
 from hippomat_core.errors import LogError
-from hippomat_logs.opened_run import OpenedRun, group_opened, log_files
+from hippomat_logs.file_kinds import logs_among
+from hippomat_logs.opened_run import OpenedRun, distinct_logs, group_opened
 from hippomat_logs.part import END_METADATA, RECOVERY_METADATA
-from hippomat_logs.report import DAMAGED, REPRODUCED
+from hippomat_logs.report import DAMAGED, REPRODUCED, TOOL_ERROR
 from hippomat_logs.shortfalls import ENDED_EARLY
 from hippomat_logs.sources import FusedSource, McapSource, Source, opened_sources
 
@@ -37,22 +39,28 @@ def run(options: argparse.Namespace, console: Console) -> int:
     """What can be opened is shown, whatever else is broken."""
     sources: list[Source] = []
     broken: list[str] = []
-    for path in dict.fromkeys(file for one in options.paths for file in log_files(one)):
+    paths, foreign = logs_among(distinct_logs(options.paths))
+    for path in paths:
         try:
             sources.extend(opened_sources(path))
         except LogError as error:
             broken.append(str(error))
     runs = group_opened(sources)
     if options.json:
-        print(json.dumps({"runs": [as_json(opened) for opened in runs], "damaged": broken}, indent=2))
+        facts = {"runs": [as_json(opened) for opened in runs], "damaged": broken, "no_logs": foreign}
+        print(json.dumps({**facts, "fused_files": _fused_files(runs)}, indent=2))
     else:
         for opened in runs:
             show(opened, console)
+        for file in _fused_files(runs):
+            size = f"{len(file['runs'])} runs, {file['bytes'] / 2**20:.1f} MiB"
+            console.print(f"{file['file']}: {size}", markup=False)
         for line in broken:
-            console.print("damaged: ", style="red", end="")
-            console.print(line, markup=False)
+            console.print(f"[red]damaged[/red]: {escape(line)}")
+        for line in foreign:
+            console.print(f"left out: {line}", style="yellow", markup=False)
     lossy = any(state_of(opened)["damaged"] for opened in runs)
-    return DAMAGED if broken or lossy else REPRODUCED
+    return DAMAGED if broken or lossy else TOOL_ERROR if foreign else REPRODUCED
 
 
 def state_of(opened: OpenedRun) -> dict[str, Any]:
@@ -93,7 +101,7 @@ def as_json(opened: OpenedRun) -> dict[str, Any]:
         "files": [str(source.path) for source in opened.sources],
         "begun_ns": begun_ns,
         "seconds": (ended_ns - begun_ns) / 1e9,
-        "bytes": _size(opened),
+        "bytes": _size(opened),  # null: runs in one file have no size of their own
         "manifest": opened.manifest,
         "state": state_of(opened),
         "topics": {
@@ -109,16 +117,19 @@ def show(opened: OpenedRun, console: Console) -> None:
     seconds = (ended_ns - begun_ns) / 1e9
     who = f"robot {opened.robot}" if opened.robot >= 0 else "observer"
     console.print(
-        f"[bold]{opened.name}[/bold]" + (f": {who} of fleet {facts.get('fleet', '?')}" if facts else "")
+        f"[bold]{escape(opened.name)}[/bold]"
+        + (f": {who} of fleet {facts.get('fleet', '?')}" if facts else "")
     )
     for source in opened.sources:
         console.print(f"  {source.path}", markup=False)
     begun = datetime.fromtimestamp(begun_ns / 1e9, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
     total = sum(topic.count or 0 for topic in opened.topics.values())
-    console.print(f"  begun {begun}, {seconds:.1f} s, {total:,} messages, {_size(opened) / 2**20:.1f} MiB")
+    size = _size(opened)
+    of_size = "" if size is None else f", {size / 2**20:.1f} MiB"
+    console.print(f"  begun {begun}, {seconds:.1f} s, {total:,} messages{of_size}")
     if isinstance(opened.sources[0], FusedSource):
         console.print(f"  one of the runs fused in this file, at {opened.sources[0].inside}", markup=False)
-    console.print(f"  {state['text']}{_by(facts)}")
+    console.print(f"  {state['text']}{_by(facts)}", markup=False)
     if state["shed"]:
         console.print(f"  [yellow]{state['shed']:,} bulk records were shed while recording[/yellow]")
     for line in _topic_lines(opened, seconds):
@@ -153,7 +164,19 @@ def _topic_lines(opened: OpenedRun, seconds: float) -> list[str]:
     return [f"  {a:{name}}  {b:>{count}}  {c:>{rate_width}}  {d}" for a, b, c, d in rows]
 
 
-def _size(opened: OpenedRun) -> int:
+def _fused_files(runs: list[OpenedRun]) -> list[dict[str, Any]]:
+    """Each file that holds several runs, once, with its size."""
+    names: dict[Path, list[str]] = {}
+    for opened in runs:
+        if isinstance(opened.sources[0], FusedSource):
+            names.setdefault(opened.sources[0].path, []).append(opened.name)
+    return [{"file": str(path), "bytes": path.stat().st_size, "runs": of} for path, of in names.items()]
+
+
+def _size(opened: OpenedRun) -> int | None:
+    """Bytes of its files; None in a fused file, which is all its runs'."""
+    if isinstance(opened.sources[0], FusedSource):
+        return None
     files = [file for source in opened.sources for file in _files(source.path)]
     return sum(file.stat().st_size for file in files)
 

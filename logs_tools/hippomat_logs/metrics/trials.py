@@ -16,6 +16,7 @@ from typing import Any
 
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.copies import refuse_other_version
+from hippomat_logs.file_kinds import refuse_foreign
 from hippomat_logs.metrics.grouping import (
     LoggedRun,
     by_directory,
@@ -24,7 +25,7 @@ from hippomat_logs.metrics.grouping import (
     hang_together,
     span_ns,
 )
-from hippomat_logs.opened_run import OpenedRun, group_opened, log_files, manifest_of
+from hippomat_logs.opened_run import OpenedRun, distinct_logs, group_opened, manifest_of
 from hippomat_logs.sources import FusedSource, Source, opened_sources
 
 BY_TIME, BY_DIRECTORY = "time", "dir"
@@ -103,12 +104,12 @@ class Found:
 
 def find_trials(paths: Sequence[Path], by: str = BY_TIME) -> Found:
     """All trials in these logs and directories; reads indexes only."""
-    files = dict.fromkeys(file for path in paths for file in log_files(path))
     sources: list[Source] = []
     damaged: list[str] = []
     foreign: list[str] = []
-    for file in files:
+    for file in distinct_logs(paths):
         try:
+            refuse_foreign(file)
             sources += opened_sources(file)
         except LogError as error:
             damaged.append(str(error))
@@ -117,7 +118,7 @@ def find_trials(paths: Sequence[Path], by: str = BY_TIME) -> Found:
     sources, twice = _once(sources)
     opened = group_opened(sources)
     runs = [_logged(one) for one in opened if one.manifest]
-    foreign += [f"{one.sources[0].path}: not a robot's log of ours" for one in opened if not one.manifest]
+    damaged += [f"{one.sources[0].path}: its run manifest is lost" for one in opened if not one.manifest]
     root = _root(paths)
     fused = _new_ones(by_fused_file(runs), twice)
     own = [run for run in runs if not run.inside]

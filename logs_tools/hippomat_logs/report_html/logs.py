@@ -13,10 +13,11 @@ from pathlib import Path
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_core.messages import Started
 from hippomat_logs.copies import each_part_once
+from hippomat_logs.file_kinds import refuse_foreign
 from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.metrics import KINDS as METRICS_KINDS
 from hippomat_logs.metrics import MetricsReading, RobotMetrics
-from hippomat_logs.opened_run import log_files
+from hippomat_logs.opened_run import distinct_logs
 from hippomat_logs.reader import Losses, Record, Run, mapped, open_again, reading_store, runs_inside
 from hippomat_logs.records import DropRecord
 from hippomat_logs.recovery import lenient_contents
@@ -67,7 +68,8 @@ class ReadLog:
 def find_logs(paths: Sequence[Path]) -> list[FoundLog]:
     """The logs of one run of one fleet, by robot. HippomatError where the files hold anything else."""
     groups: dict[tuple[int, str, str], list[tuple[int, Path, dict[str, str]]]] = {}
-    for path in dict.fromkeys(file for one in paths for file in log_files(one)):
+    for path in distinct_logs(paths):
+        refuse_foreign(path)
         for inside in runs_inside(path) or ("",):
             manifest = _manifest(path, inside)
             key = int(manifest.get("robot", "-1")), manifest.get("session_id", ""), inside
@@ -90,10 +92,7 @@ def _manifest(path: Path, inside: str) -> dict[str, str]:
             if contents.manifest:
                 break
     if not contents.manifest:
-        raise HippomatError(
-            f"{path}: is no log of a hippomat daemon, or nothing of its manifest is left; "
-            "`hippomat-logs plot` draws other recordings"
-        )
+        raise LogError(f"{path}: nothing of its run manifest is left: whose log it is cannot be told")
     return contents.manifest
 
 
