@@ -18,7 +18,7 @@ def test_every_level_is_measured_and_gives_the_same_twice() -> None:
     assert figures.slam
     assert figures.identical
     assert figures.verdict == "reproduced L0 L1 L2"
-    assert 5.0 < figures.recorded_s < 20.0
+    assert 5.0 < figures.recorded_s < 30.0
     assert figures.cpu_s.keys() == LEVELS.keys()
     assert all(figures.times_real(name) > 0.0 for name in LEVELS)
 
