@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.markup import escape
 from rich.table import Table
 
 from hippomat_logs.alignment import Alignment, RunClock
@@ -32,7 +33,7 @@ def alignment_table(alignment: Alignment) -> Table:
     """One row per run; 80 characters wide."""
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for name in _COLUMNS:
-        table.add_column(name, justify="left" if name == "run" else "right", no_wrap=True)
+        table.add_column(escape(name), justify="left" if name == "run" else "right", no_wrap=True)
     for clock in alignment.clocks:
         median_ns, most_ns, _ = clock.residual_ns
         table.add_row(

@@ -32,6 +32,7 @@ from hippomat_logs.commands import (
 from hippomat_logs.recovery import recover
 from hippomat_logs.replay_arguments import Parser
 from hippomat_logs.report import REPRODUCED
+from hippomat_logs.terminal import Terminal
 
 _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] = (
     ("info", info.add_options, info.run, "what logs hold, by their indexes"),
@@ -67,15 +68,13 @@ _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
-    console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
     try:
-        return int(options.run(options, console))
+        return int(options.run(options, Terminal()))
     except HippomatError as error:
-        console.print(f"error: {error}", style="red", markup=False)
+        Terminal(stderr=True).print(f"error: {error}", style="red", markup=False)
         return error.exit_code
-    except BrokenPipeError:  # `hippomat-logs ... | head`
-        sys.stderr.close()
-        return 1
+    except BrokenPipeError:
+        raise
     except OSError as error:
         print(f"error: {error.filename or 'output'}: {error.strerror or error}", file=sys.stderr)
         return 1

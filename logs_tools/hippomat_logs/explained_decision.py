@@ -72,7 +72,7 @@ def _show_differences(view: DecisionView, console: Console) -> None:
 def _show_choices(story: FleetStory, view: DecisionView, console: Console) -> None:
     open_ones = [one for one in view.choices if one.slot is None or one.state == "waiting"]
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column(view.allocator, no_wrap=True)
+    table.add_column(escape(view.allocator), no_wrap=True)
     table.add_column("cost", justify="right", no_wrap=True)
     table.add_column("logit", justify="right", no_wrap=True)
     for one in open_ones[:CHOICES]:

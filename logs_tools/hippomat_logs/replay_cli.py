@@ -9,8 +9,6 @@ import json
 import sys
 from collections.abc import Sequence
 
-from rich.console import Console
-
 from hippomat_core.errors import HippomatError
 from hippomat_logs.clip_command import clip, cut_window
 from hippomat_logs.closed_loop import command as closed_loop
@@ -21,11 +19,12 @@ from hippomat_logs.replay_pool import replay_all
 from hippomat_logs.replay_show import say_error, show
 from hippomat_logs.report import TOOL_ERROR, overall_exit_code
 from hippomat_logs.serve import serve
+from hippomat_logs.terminal import Terminal
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
-    console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
+    console = Terminal()
     try:
         check(options)
         if options.update_golden:
@@ -47,6 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("hippomat-replay: interrupted", file=sys.stderr)
         return TOOL_ERROR
+    except BrokenPipeError:
+        raise
     except OSError as error:
         print(f"hippomat-replay: {error}", file=sys.stderr)
         return TOOL_ERROR

@@ -36,7 +36,7 @@ def show(reports: list[RunReport], console: Console) -> None:
         _show_findings(report, console)
     for report in reports:
         colour = _CODES[report.exit_code]
-        console.print(f"{report.name}: [{colour}]{report.verdict}[/{colour}]")
+        console.print(f"{_plain(report.name)}: [{colour}]{report.verdict}[/{colour}]")
 
 
 def _show_findings(report: RunReport, console: Console) -> None:

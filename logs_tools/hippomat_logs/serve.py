@@ -85,7 +85,7 @@ def _say_how(run: Run, ports: FakePorts, directory: Path, console: Console) -> N
     paths = {port: str(path) for port, path in links.items()}
     command = ["hippomat-host", *daemon_command(run, directory, paths)[3:]]
     command += ["--log", "runs/served"]  # never beside the original: metrics would count both
-    console.print(f"{run.name}: ports of robot {run.robot}")
+    console.print(f"{run.name}: ports of robot {run.robot}", markup=False)
     for port, path in links.items():
         console.print(f"  {PORT_NAMES[port]:6} {path} -> {ports.paths[port]}", soft_wrap=True)
     console.print(f"start the daemon: {shlex.join(command)}", soft_wrap=True, markup=False)

@@ -302,7 +302,7 @@ def test_the_picture_is_written_and_its_name_is_checked(
     assert main(["conflicts", str(contested), "-o", str(tmp_path / "conflicts.png")]) == 0
     assert (tmp_path / "conflicts.png").stat().st_size > 10_000
     assert main(["conflicts", str(contested), "-o", str(tmp_path / "conflicts.txt")]) == 1
-    assert "ends in .png" in capsys.readouterr().out.replace("\n", " ")
+    assert "ends in .png" in capsys.readouterr().err.replace("\n", " ")
 
 
 def test_logs_of_different_fleets_are_refused(contested: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -311,7 +311,7 @@ def test_logs_of_different_fleets_are_refused(contested: Path, capsys: pytest.Ca
     mixed = contested.parent / "mixed"
     other.write(mixed)
     assert main(["conflicts", str(contested), str(mixed)]) == 1
-    assert "give the logs of one fleet" in capsys.readouterr().out.replace("\n", " ")
+    assert "give the logs of one fleet" in capsys.readouterr().err.replace("\n", " ")
 
 
 def test_a_fleet_that_requested_nothing_has_no_rate(

@@ -96,7 +96,7 @@ def verdict(path: Path) -> str:
 def test_an_empty_bag_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     empty = data_folder() / "bags" / "empty-file.bag"
     assert main(["convert", str(empty), str(tmp_path / "x.mcap")]) == 3
-    said = capsys.readouterr().out
+    said = capsys.readouterr().err
     assert "empty-file.bag: is empty; nothing was recorded in it" in said.replace("\n", " ")
     assert said.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
@@ -154,7 +154,7 @@ def test_a_clip_holds_what_happened_around_a_record_and_says_that_it_is_one(
     ].tolist() or any(300 in opened[topic]["record"] for topic in opened.topics)
     assert main(["doctor", str(clip)]) == 0
     assert main(["metrics", str(clip)]) == 3
-    assert "is a selection of a run" in capsys.readouterr().out.replace("\n", " ")
+    assert "is a selection of a run" in capsys.readouterr().err.replace("\n", " ")
 
 
 def test_topics_and_times_are_kept_as_asked(run: Path, tmp_path: Path) -> None:

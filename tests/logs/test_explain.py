@@ -305,7 +305,7 @@ def test_what_cannot_be_explained_is_one_clear_line(
     deaf: tuple[Path, int], arguments: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["explain", *arguments.split(), str(deaf[0])]) == 1
-    assert said in capsys.readouterr().out.replace("\n", " ")
+    assert said in capsys.readouterr().err.replace("\n", " ")
 
 
 # ---- logs that are cut, or of a robot that was restarted ----

@@ -235,7 +235,7 @@ def test_what_cannot_be_aligned_is_refused_unless_clocks_are_trusted(
     logs, out = tmp_path / "logs", tmp_path / "fused.mcap"
     write_fleet(logs, seconds=3.0, deaf=frozenset({(2, 0), (2, 1), (0, 2), (1, 2)}))
     assert main(["fuse", str(logs), "-o", str(out)]) == 1
-    said = " ".join(capsys.readouterr().out.split())
+    said = " ".join(capsys.readouterr().err.split())
     assert "no radio traffic links robot02_5e551002 with robot00_5e551000" in said
     assert not out.exists()
     assert main(["fuse", str(logs), "-o", str(out), "--trust-clocks", "--json"]) == 0
@@ -259,12 +259,12 @@ def test_wrong_usage_is_said_in_one_line(
     logs: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
 ) -> None:
     assert main(["fuse", str(logs), *arguments]) == 1
-    assert said in " ".join(capsys.readouterr().out.split())
+    assert said in " ".join(capsys.readouterr().err.split())
 
 
 def test_nothing_is_overwritten(logs: Path, fused: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["fuse", str(logs), "-o", str(fused)]) == 1
-    assert "exists already" in " ".join(capsys.readouterr().out.split())
+    assert "exists already" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_picture_shows_how_late_frames_were(logs: Path, tmp_path: Path) -> None:

@@ -81,11 +81,11 @@ def test_the_map_lies_in_the_frame_of_the_start_pose_and_shows_the_walls(pushed,
 )
 def test_a_place_that_no_map_can_be_written_to_is_refused_before_the_work(tmp_path, capsys, name, text):
     assert main(["map", str(tmp_path), "-o", str(tmp_path / name)]) == 1
-    assert text in capsys.readouterr().out.replace("\n", " ")
+    assert text in capsys.readouterr().err.replace("\n", " ")
 
 
 def test_a_log_without_sweeps_says_whose_log_is_needed(pushed, tmp_path, capsys):
     pushed.record(tmp_path, without=m.ScanReceived)
     assert main(["map", str(tmp_path), "-o", str(tmp_path / "lab.yaml")]) != 0
-    assert "no whole lidar sweep was recorded" in capsys.readouterr().out.replace("\n", " ")
+    assert "no whole lidar sweep was recorded" in capsys.readouterr().err.replace("\n", " ")
     assert not (tmp_path / "lab.yaml").exists()

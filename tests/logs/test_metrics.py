@@ -116,4 +116,4 @@ def test_a_damaged_log_is_exit_code_3(logs: Path, capsys: pytest.CaptureFixture[
     data[len(data) // 2] ^= 4
     path.write_bytes(data)
     assert main(["metrics", str(logs)]) == 3
-    assert "hippomat-logs recover" in capsys.readouterr().out.replace("\n", " ")
+    assert "hippomat-logs recover" in capsys.readouterr().err.replace("\n", " ")

@@ -309,7 +309,7 @@ def test_what_is_not_there_is_named(
     runs: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["metrics", str(runs), *arguments]) == 1
-    assert said in capsys.readouterr().out.replace("\n", " ")
+    assert said in capsys.readouterr().err.replace("\n", " ")
 
 
 def test_every_figure_has_a_name_of_its_own_and_nothing_is_invented() -> None:

@@ -194,7 +194,7 @@ def test_robots_that_the_logs_do_not_have_are_named(
     path = tmp_path / "other.csv"
     path.write_text("time_s,robot,x_m,y_m\n1,7,0,0\n2,7,1,0\n")
     assert main(["metrics", str(logs), "--truth", str(path)]) == 1
-    assert "--truth has robots 7" in capsys.readouterr().out
+    assert "--truth has robots 7" in capsys.readouterr().err
 
 
 def test_speeds_that_repeat_are_told_apart_by_the_way() -> None:

@@ -285,7 +285,7 @@ def test_two_runs_of_one_robot_are_no_report(tmp_path: Path, capsys: pytest.Capt
     write_fleet(tmp_path, robots=1, seconds=1.0)
     write_fleet(tmp_path, robots=1, seconds=1.0, wall_ns=WALL_NS + HOUR_NS + 1)
     assert main(["report", str(tmp_path), "-o", str(tmp_path / "run.html")]) == 1
-    said = capsys.readouterr().out.replace("\n", " ")
+    said = capsys.readouterr().err.replace("\n", " ")
     assert "robot 0 has more than one run here" in said
     assert not (tmp_path / "run.html").exists()
 
@@ -340,4 +340,4 @@ def test_without_bokeh_the_error_names_what_to_install(
     write_fleet(tmp_path, robots=1, seconds=1.0)
     monkeypatch.setitem(sys.modules, "bokeh", None)
     assert main(["report", str(tmp_path), "-o", str(tmp_path / "run.html")]) == 1
-    assert "pip install 'hippomat[report]'" in capsys.readouterr().out.replace("\n", " ")
+    assert "pip install 'hippomat[report]'" in capsys.readouterr().err.replace("\n", " ")

@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
 
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.commands.select import words
@@ -57,7 +58,7 @@ def _export(opened: OpenedRun, options: argparse.Namespace, directory: Path, con
     topics = _topics(opened, options)
     code = REPRODUCED
     with progress_bar() as bar:
-        for topic in bar.track(topics, description=opened.name):
+        for topic in bar.track(topics, description=escape(opened.name)):
             try:
                 paths = _export_topic(opened, topic, options.format, directory)
             except LogError as error:
