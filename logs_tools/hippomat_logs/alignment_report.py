@@ -108,11 +108,14 @@ def _clock_json(clock: RunClock) -> dict[str, Any]:
     return made
 
 
-def draw_alignment(alignment: Alignment, path: Path) -> None:
-    """Per receiver: how much later than it was sent each frame was heard, in common time."""
+def draw_alignment(alignment: Alignment, path: Path) -> bool:
+    """Per receiver: how much later than it was sent each frame was heard, in common time.
+
+    False, and no picture, where nobody heard anybody.
+    """
     heard = _heard(alignment)
     if not heard:
-        return
+        return False
     begun_ns = min(int(at.min()) for links in heard.values() for _, at, _ in links)
     late = np.concatenate([us for links in heard.values() for _, _, us in links])
     low, high = np.percentile(late, (0.5, 99.5)) + np.array([-50.0, 50.0])
@@ -137,6 +140,7 @@ def draw_alignment(alignment: Alignment, path: Path) -> None:
     figure.supylabel("late by [us]")
     figure.tight_layout()
     figure.savefig(path, dpi=DPI)
+    return True
 
 
 def _heard(alignment: Alignment) -> dict[str, list[tuple[str, NDArray[np.int64], NDArray[np.float64]]]]:

@@ -29,6 +29,7 @@ from hippomat_logs.commands import (
     report,
     select,
 )
+from hippomat_logs.outputs import RULE
 from hippomat_logs.recovery import recover
 from hippomat_logs.replay_arguments import Parser
 from hippomat_logs.report import REPRODUCED
@@ -37,9 +38,24 @@ from hippomat_logs.terminal import Terminal
 _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] = (
     ("info", info.add_options, info.run, "what logs hold, by their indexes"),
     ("doctor", doctor.add_options, doctor.run, "read every byte and name every fault"),
-    ("filter", select.add_filter_options, select.run_filter, "some topics, times or robots as a new log"),
-    ("merge", select.add_merge_options, select.run_merge, "several logs as one"),
-    ("fuse", fuse.add_options, fuse.run, "a fleet's logs as one causal run, whatever their clocks say"),
+    (
+        "filter",
+        select.add_filter_options,
+        select.run_filter,
+        "some topics, times or robots as a new log",
+    ),
+    (
+        "merge",
+        select.add_merge_options,
+        select.run_merge,
+        "several logs side by side in a file, for viewers",
+    ),
+    (
+        "fuse",
+        fuse.add_options,
+        fuse.run,
+        "a fleet's logs as one causal run on one clock, which replays",
+    ),
     ("convert", convert.add_options, convert.run, "between .mcap, ROS 1 .bag and ROS 2 bags"),
     ("export", export.add_options, export.run, "topics as CSV or Parquet, trajectories for evo"),
     ("map", make_map.add_options, make_map.run, "the map of a place from the log of a robot that was there"),
@@ -88,7 +104,7 @@ def parser() -> Parser:
         prog="hippomat-logs",
         description="Look into the logs of runs. To reproduce a run: hippomat-replay.",
         epilog="exit codes: 0 done, 1 tool or usage error, 2 conflicts: a task had two confirmed holders, "
-        "3 a log is damaged or lossy",
+        f"3 a log is damaged or lossy; {RULE}",
     )
     commands = made.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND")
 

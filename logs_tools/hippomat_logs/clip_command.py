@@ -14,8 +14,8 @@ from rich.console import Console
 from hippomat_core.errors import HippomatError
 from hippomat_logs.clip import find_divergence, write_clip
 from hippomat_logs.each_file import progress_bar
-from hippomat_logs.log_writer import refuse_existing
 from hippomat_logs.opened_run import group_runs
+from hippomat_logs.outputs import refuse_existing
 from hippomat_logs.reader import Run, open_again
 from hippomat_logs.replay import same_fingerprint
 from hippomat_logs.replay_pool import in_a_process

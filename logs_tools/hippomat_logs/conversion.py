@@ -20,8 +20,9 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from hippomat_core.errors import HippomatError, LogError
-from hippomat_logs.log_writer import refuse_existing, writing
+from hippomat_logs.log_writer import writing
 from hippomat_logs.opened_run import OpenedRun, manifest_of
+from hippomat_logs.outputs import refuse_existing
 from hippomat_logs.selection import Selection, write_selection
 from hippomat_logs.sources import Source, Stream
 
@@ -29,18 +30,23 @@ STORAGES = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
 Progress = Callable[[int], None]  # messages done
 
 
+def refuse_target(target: Path) -> None:
+    """HippomatError where nothing can be converted to: asked before the source is opened."""
+    if target.suffix not in ("", ".mcap", ".bag"):
+        raise HippomatError(
+            f"{target}: give a name that ends in .mcap or .bag, or none of both for a ROS 2 bag"
+        )
+    refuse_existing(target)
+
+
 def convert(source: Source, target: Path, storage: str, progress: Progress) -> tuple[int, dict[str, str]]:
     """(messages written, channels left out and why). The target's kind is its suffix; none: a ROS 2 bag."""
-    refuse_existing(target)
+    refuse_target(target)
     left_out = dict(source.left_out)
     if target.suffix == ".mcap":
         return _to_mcap(source, target, progress), left_out
     if target.suffix == ".bag":
         return _to_bag(source, target, left_out, progress), left_out
-    if target.suffix:
-        raise HippomatError(
-            f"{target}: give a name that ends in .mcap or .bag, or none of both for a ROS 2 bag"
-        )
     return _to_rosbag2(source, target, STORAGES[storage], left_out, progress), left_out
 
 

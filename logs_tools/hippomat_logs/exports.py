@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from hippomat_core.errors import HippomatError
 from hippomat_logs.column_table import ROW, TIME, Table
-from hippomat_logs.log_writer import refuse_existing
 from hippomat_logs.opened_run import BATCH_ROWS, OpenedRun
+from hippomat_logs.outputs import refuse_existing
 
 # message type -> where its pose and, where it has one, its own stamp are
 POSES = {

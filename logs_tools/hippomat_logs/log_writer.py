@@ -11,9 +11,9 @@ from pathlib import Path
 
 from rosbags.typesys import Stores, get_typestore
 
-from hippomat_core.errors import HippomatError
 from hippomat_logs.mcap_file import RawRow
 from hippomat_logs.mcap_writer import McapWriter
+from hippomat_logs.outputs import refuse_existing
 from hippomat_logs.part import CHUNK_BYTES, ChannelSpec, facts_crc32, package_version
 from hippomat_logs.sink import FileSink
 from hippomat_logs.sources import Source, Stream
@@ -108,16 +108,3 @@ def whole_file(path: Path) -> Iterator[FileSink]:
         if not path.exists():
             sink.abandon()
             (path.parent / (path.name + PARTIAL)).unlink(missing_ok=True)
-
-
-def refuse_existing(path: Path) -> None:
-    """Nothing is ever overwritten; HippomatError names what is in the way."""
-    if path.exists():
-        raise HippomatError(f"{path} exists already; move it away, or choose another name")
-    refuse_nowhere(path)
-
-
-def refuse_nowhere(path: Path) -> None:
-    """HippomatError where there is no directory for it."""
-    if not path.parent.is_dir():
-        raise HippomatError(f"{path}: there is no directory {path.parent}")

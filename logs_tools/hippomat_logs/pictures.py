@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hippomat_core.errors import HippomatError
+from hippomat_logs.outputs import refuse_undrawable
 
 PICTURES = (".png", ".pdf", ".svg")
 
@@ -32,6 +33,6 @@ def new_figure(inches: tuple[float, float], **options: Any) -> Any:
 
 
 def refuse_no_picture(path: Path) -> None:
-    """HippomatError for a name that says no kind of picture."""
-    if path.suffix.lower() not in PICTURES:
-        raise HippomatError(f"{path}: give a name that ends in {', '.join(PICTURES)}")
+    """HippomatError where no picture can be drawn, or not at that place: asked before long work."""
+    refuse_undrawable(path, PICTURES)
+    require_matplotlib()

@@ -9,6 +9,8 @@ from typing import NoReturn
 
 from hippomat_core.errors import HippomatError
 from hippomat_logs.closed_loop import command as closed_loop
+from hippomat_logs.outputs import refuse_directory, refuse_existing, refuse_suffix
+from hippomat_logs.pictures import require_matplotlib
 from hippomat_logs.replay import LEVELS, ReplayOptions
 from hippomat_logs.report import TOOL_ERROR
 
@@ -105,6 +107,12 @@ def check(options: argparse.Namespace) -> None:
             raise HippomatError(f"--{name} goes with --{mode.replace('_', '-')}")
     if options.speed != 1.0 and not options.serve:
         raise HippomatError("--speed goes with --serve")
+    if options.clip is not None:
+        refuse_suffix(options.clip, (".mcap",))
+        refuse_existing(options.clip)
+    if options.plots is not None:
+        refuse_directory(options.plots)
+        require_matplotlib()
     if not 0.0 < options.speed < float("inf"):
         raise HippomatError(f"--speed {options.speed:g}: give a factor above 0")
 

@@ -1,4 +1,4 @@
-"""What a terminal and a pipe get to see: brackets as they are, errors apart, and a quiet end behind `| head`."""
+"""What a terminal and a pipe get to see: brackets as they are, errors apart, a quiet end behind `| head`."""
 
 from __future__ import annotations
 
@@ -69,7 +69,6 @@ def test_errors_do_not_go_into_the_file_that_takes_the_output(capsys: pytest.Cap
     ("entry", "arguments"),
     [
         ("logs", ["info", "{log}"]),
-        ("logs", ["info", "--json", "{log}"]),
         ("replay", ["--levels", "L0", "{log}"]),
     ],
 )

@@ -34,7 +34,6 @@ from hippomat_logs.metrics import FleetMetrics, fleet_metrics, robot_metrics
 from hippomat_logs.metrics.as_json import plain
 from hippomat_logs.metrics.figures import Figure
 from hippomat_logs.metrics.fleet import Clocks
-from hippomat_logs.pictures import require_matplotlib
 from hippomat_logs.reader import Run
 from hippomat_logs.report import DIVERGED, REPRODUCED
 
@@ -126,8 +125,6 @@ def run(runs: list[Run], options: argparse.Namespace, console: Console) -> int:
     air = parse_air(options.radio or RECORDED)
     if options.closed_loop:
         fleet_world()  # before minutes of reading
-        if options.plots is not None:
-            require_matplotlib()
     recording = read_recording(runs, air)
     other = None
     if options.allocator is not None or options.policy is not None:

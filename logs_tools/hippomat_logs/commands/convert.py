@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from hippomat_logs.conversion import STORAGES, convert
+from hippomat_logs.conversion import STORAGES, convert, refuse_target
 from hippomat_logs.each_file import progress_bar
 from hippomat_logs.report import DAMAGED, REPRODUCED
 from hippomat_logs.sources import open_source
@@ -27,6 +27,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
+    refuse_target(options.target)
     source = open_source(options.source)
     total = sum(stream.count or 0 for stream in source.streams.values())
     with progress_bar() as bar:

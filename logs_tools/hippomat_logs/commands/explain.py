@@ -141,8 +141,9 @@ def _explain_decision(options: argparse.Namespace, runs: list[Run], console: Con
     robot = options.robot
     own = [run for run in runs if run.robot == robot]
     if not own:
-        having = ", ".join(str(run.robot) for run in runs if run.robot >= 0) or "none"
-        raise HippomatError(f"--robot {robot}: its log is not among these; they are of robots {having}")
+        ids = [str(run.robot) for run in runs if run.robot >= 0]
+        whose = {0: "no robot", 1: f"robot {ids[0]}" if ids else ""}.get(len(ids), f"robots {', '.join(ids)}")
+        raise HippomatError(f"--robot {robot}: its log is not among these, which are of {whose}")
     number = options.round if options.time is None else _round_at(own[0], options.time)
 
     def keep(whose: int, decided: m.RoundDecided) -> bool:

@@ -21,6 +21,7 @@ from hippomat_logs.exports import (
     trajectory_topics,
 )
 from hippomat_logs.opened_run import OpenedRun, group_runs
+from hippomat_logs.outputs import refuse_directory, refuse_existing
 from hippomat_logs.report import DAMAGED, REPRODUCED
 
 FORMATS = ("csv", "parquet", "tum", "files")
@@ -29,24 +30,42 @@ FORMATS = ("csv", "parquet", "tum", "files")
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("paths", nargs="+", type=Path, metavar="LOG", help="logs, or directories of logs")
     add = parser.add_argument
-    add("-o", "--out", type=Path, required=True, metavar="DIR", help="where the files go")
+    add(
+        "-o",
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="a directory for new files",
+    )
     formats = "csv (default), parquet (needs hippomat[tables]), tum for evo, files: what the log carries"
     add("--format", choices=FORMATS, default="csv", help=formats)
     add("--topics", type=words, default=(), metavar="T,...", help="only these; patterns with * and ?")
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
+    refuse_directory(options.out)
     runs = group_runs(options.paths)
-    options.out.mkdir(parents=True, exist_ok=True)
+    directories = [options.out / opened.name if len(runs) > 1 else options.out for opened in runs]
+    for opened, directory in zip(runs, directories, strict=True):
+        _refuse_existing(opened, options, directory)
     code = REPRODUCED
-    for opened in runs:
-        directory = options.out / opened.name if len(runs) > 1 else options.out
-        directory.mkdir(exist_ok=True)
+    for opened, directory in zip(runs, directories, strict=True):
+        directory.mkdir(parents=True, exist_ok=True)
         for topic, why in opened.left_out.items():
             console.print(f"left out: {topic}: {why}", markup=False, style="yellow")
             code = DAMAGED
         code = max(code, _export(opened, options, directory, console))
     return code
+
+
+def _refuse_existing(opened: OpenedRun, options: argparse.Namespace, directory: Path) -> None:
+    """HippomatError where a table is there already: better before the first than behind the tenth."""
+    if not directory.exists() or options.format == "files":
+        return
+    for topic in _topics(opened, options):
+        name = f"{opened.name}_{file_word(topic)}" if options.format == "tum" else file_word(topic)
+        refuse_existing(directory / f"{name}.{options.format}")
 
 
 def _export(opened: OpenedRun, options: argparse.Namespace, directory: Path, console: Console) -> int:

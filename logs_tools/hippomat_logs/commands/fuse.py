@@ -14,13 +14,21 @@ from hippomat_logs.alignment_report import alignment_lines, alignment_table, as_
 from hippomat_logs.causal_order import Held
 from hippomat_logs.each_file import progress_bar
 from hippomat_logs.fusing import fuse
-from hippomat_logs.log_writer import refuse_existing
-from hippomat_logs.pictures import refuse_no_picture, require_matplotlib
+from hippomat_logs.outputs import refuse_existing, refuse_suffix
+from hippomat_logs.pictures import refuse_no_picture
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.report import DAMAGED, REPRODUCED
 
+_WHAT = (
+    "A fleet's logs as one causal run: the clocks are aligned by the frames that robots heard of each other, "
+    "and nothing stands before its cause. hippomat-replay, metrics, report and explain take the result as "
+    "they take the logs. Without -o it only says how the clocks differ. To look at logs of any kind side by side: "
+    "merge."
+)
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.description = _WHAT
     parser.add_argument(
         "paths", nargs="+", type=Path, metavar="LOG", help="logs of one fleet, or directories"
     )
@@ -38,12 +46,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if options.reference is not None and options.trust_clocks:
         raise HippomatError("--trust-clocks needs no --reference: every clock is left as it is")
     if options.out is not None:
-        if options.out.suffix != ".mcap":
-            raise HippomatError(f"{options.out}: give a name that ends in .mcap")
+        refuse_suffix(options.out, (".mcap",))
         refuse_existing(options.out)
     if options.plot is not None:
         refuse_no_picture(options.plot)
-        require_matplotlib()
     with progress_bar() as bar:
         task = bar.add_task("opening", total=None)
         runs = open_runs(options.paths)
@@ -56,14 +62,15 @@ def run(options: argparse.Namespace, console: Console) -> int:
         if options.out is not None:
             bar.update(task, description="fusing", total=sum(run.records for run in runs), completed=0)
             held = fuse(runs, alignment, options.out, lambda done: bar.update(task, completed=done))
+    drawn = False
     if options.plot is not None:
-        draw_alignment(alignment, options.plot)
+        drawn = draw_alignment(alignment, options.plot)
     lost = [f"{run.name}: {line}" for run in runs for line in run.lost]
     if options.json:
         facts = {**as_json(alignment), "held_back": held.count, "held_back_most_ns": held.longest_ns}
         print(json.dumps({**facts, "without_cause": held.broken, "lost": lost}, indent=2))
     else:
-        _show(options, runs, alignment, held, lost, console)
+        _show(options, runs, alignment, held, lost, drawn, console)
     return DAMAGED if lost else REPRODUCED
 
 
@@ -73,6 +80,7 @@ def _show(
     alignment: Alignment,
     held: Held,
     lost: list[str],
+    drawn: bool,
     console: Console,
 ) -> None:
     def line(text: str, style: str = "") -> None:
@@ -93,6 +101,10 @@ def _show(
         if held.broken:
             line(f"{held.broken} receptions stand before their sending: see docs/fuse.md", "yellow")
     if options.plot is not None:
-        line(f"picture: {options.plot}")
+        line(
+            f"picture: {options.plot}"
+            if drawn
+            else "no picture: no robot's log says what it heard of another"
+        )
     for text in lost:
         line(text, "yellow")

@@ -16,6 +16,8 @@ from hippomat_core.slam.offline import FinishedMap, Sweep, finished_map
 from hippomat_logs.each_file import progress_bar
 from hippomat_logs.map_files import save_map
 from hippomat_logs.map_from_log import SweepCount, sweeps_of
+from hippomat_logs.outputs import refuse_existing
+from hippomat_logs.pictures import refuse_no_picture
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.report import DAMAGED, REPRODUCED
 
@@ -35,8 +37,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, console: Console) -> int:
     if options.out.suffix not in (".yaml", ".yml"):
         raise MapError(f"{options.out}: a map's name must end in .yaml; the image goes beside it")
-    if not options.out.parent.is_dir():
-        raise MapError(f"{options.out}: there is no directory {options.out.parent}")
+    for path in (options.out, options.out.with_suffix(".pgm")):  # robots may know a map by its hash
+        refuse_existing(path)
+    if options.picture is not None:
+        refuse_no_picture(options.picture)
     recorded = _one_run(options.paths)
     count = SweepCount()
     made = _mapped(recorded, count)

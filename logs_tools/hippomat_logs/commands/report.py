@@ -8,8 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from hippomat_core.errors import HippomatError
-from hippomat_logs.log_writer import refuse_nowhere
+from hippomat_logs.outputs import refuse_undrawable
 from hippomat_logs.part import package_version
 from hippomat_logs.report import DAMAGED, REPRODUCED
 from hippomat_logs.report_html.building import build
@@ -33,9 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     out: Path = options.out
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise HippomatError(f"{out}: give a name that ends in .html")
-    refuse_nowhere(out)
+    refuse_undrawable(out, (".html", ".htm"))
     needs_bokeh()
     data, whole = build(options.paths, options.trust_clocks)
     text = render(data, package_version())
