@@ -22,8 +22,8 @@ from hippomat_logs.report import DAMAGED, REPRODUCED
 _WHAT = (
     "A fleet's logs as one causal run: the clocks are aligned by the frames that robots heard of each other, "
     "and nothing stands before its cause. hippomat-replay, metrics, report and explain take the result as "
-    "they take the logs. Without -o it only says how the clocks differ. To look at logs of any kind side by side: "
-    "merge."
+    "they take the logs. Without -o it only says how the clocks differ. To look at logs of any kind "
+    "side by side: merge."
 )
 
 

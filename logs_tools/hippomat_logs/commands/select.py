@@ -29,9 +29,9 @@ examples:
 """
 _MERGE = (
     "Several logs side by side in one file, for viewers (Foxglove, PlotJuggler, rerun): each run's topics "
-    "get a prefix (/robot03/odom), times stay those of its own clock. Any logs will do. It does not replay, and "
-    "metrics, report and explain do not take it: that is what fuse is for. (Parts of one run alone become "
-    "one whole log, which replays.)"
+    "get a prefix (/robot03/odom), times stay those of its own clock. Any logs will do. It does not replay, "
+    "and metrics, report and explain do not take it: that is what fuse is for. (Parts of one run alone "
+    "become one whole log, which replays.)"
 )
 
 
