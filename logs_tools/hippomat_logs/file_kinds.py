@@ -20,6 +20,7 @@ from hippomat_logs.sink import ACTIVE
 LOG_SUFFIXES = (".mcap", ".bag", ".db3")
 LOOK_BYTES = 1 << 16  # at either end
 _TEXT_BYTES = 512
+_HEADER_BYTES = 64  # MCAP's magic bytes and its first record, which names the library that wrote the file
 _OURS = tuple(name.encode() for name in (RUN_METADATA, FUSED_METADATA, END_METADATA))
 _TAKE_IT = "`hippomat-logs info`, plot, export and convert take it"
 
@@ -71,6 +72,8 @@ def _kind_of_bytes(head: bytes, tail: bytes, name: str) -> Kind:
         return Kind.BAG
     if head.startswith(b"SQLite format 3\0"):
         return Kind.DB3
+    if _is_beginning_of_ours(head, tail):
+        return Kind.OURS
     if _is_text(head[:_TEXT_BYTES]):
         return Kind.TEXT
     if any(mark in head or mark in tail for mark in _OURS):
@@ -78,6 +81,14 @@ def _kind_of_bytes(head: bytes, tail: bytes, name: str) -> Kind:
     if head.startswith(MAGIC) or tail.endswith(MAGIC):
         return Kind.MERGED if MERGED_METADATA.encode() in head else Kind.MCAP
     return Kind.OTHER
+
+
+def _is_beginning_of_ours(head: bytes, tail: bytes) -> bool:
+    """Cut before its manifest: the header names who wrote it, and less than that is held to be ours."""
+    begins = MAGIC.startswith(head[: len(MAGIC)])
+    if len(head) < _HEADER_BYTES:
+        return begins
+    return begins and not tail.endswith(MAGIC) and b"hippomat" in head[:_HEADER_BYTES]
 
 
 def _is_text(head: bytes) -> bool:

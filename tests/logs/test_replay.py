@@ -201,7 +201,7 @@ def test_any_cut_is_damage(log: Path, tmp_path: Path, capsys: pytest.CaptureFixt
         ([], "RUN.mcap"),
         (["x.mcap", "--bogus"], "bogus"),
         (["x.mcap", "--levels", "L9"], "unknown level L9"),
-        (["/no/such/log.mcap"], "/no/such/log.mcap: cannot be opened"),
+        (["/no/such/log.mcap"], "/no/such/log.mcap: no such file"),
     ],
 )
 def test_a_usage_error_is_exit_code_1(

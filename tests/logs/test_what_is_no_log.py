@@ -120,6 +120,8 @@ def test_a_damaged_log_of_ours_is_exit_code_3(
     name: str, files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = {"cut.mcap": "cut short or damaged", "headless.mcap": "magic bytes", "empty.mcap": "is empty"}
+    if name == "report":  # which shows what is left of a log: one page is enough
+        del said["headless.mcap"]
     for path, text in said.items():
         log = tmp_path / path
         log.write_bytes((files / path).read_bytes())
@@ -149,5 +151,8 @@ def test_a_kind_is_told_by_bytes_and_not_by_the_name(files: Path, tmp_path: Path
     with writing(tmp_path / "b.mcap") as writer:
         writer.finish()
     assert kind_of(tmp_path / "b.mcap") is Kind.MCAP
+    for length in (1, 8, 40, 100):  # cut before its manifest
+        (tmp_path / "c.mcap").write_bytes(run.read_bytes()[:length])
+        assert kind_of(tmp_path / "c.mcap") is Kind.OURS
     (tmp_path / "umlaut.txt").write_bytes(("ü" * 300).encode()[:511])  # cut inside of a letter
     assert kind_of(tmp_path / "umlaut.txt") is Kind.TEXT
