@@ -43,6 +43,15 @@ def test_a_robot_that_lets_its_claim_go_is_priced_from_where_it_stands():
     assert outcome.state_frame.costs.tolist() == [10, 20, 30, 40]
 
 
+def test_a_robot_is_asked_what_tasks_cost_from_here_only_if_its_claim_ends():
+    taken, _ = claiming()
+    wrong = (1, 2, 3)  # refused where they are used
+    outcome = taken.round(costs=wrong, outlook=lambda _: Outlook(7.5, AFTER))
+    assert outcome.state_frame.costs.tolist() == AFTER.tolist()
+    with pytest.raises(ValueError, match=r"costs for \(3,\) tasks, \(4,\) needed"):
+        taken.round(costs=wrong, drop_claim="base_lost", outlook=lambda _: Outlook(7.5, AFTER))
+
+
 def test_the_rest_of_the_service_is_all_that_is_left_on_arrival():
     taken, _ = claiming(dwell_s=0.5)
     claim = taken.fleet.own_claim
