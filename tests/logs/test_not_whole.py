@@ -11,10 +11,13 @@ import pytest
 from mcap.reader import make_reader
 
 from hippomat_logs.cli import main as logs
-from hippomat_logs.reader import open_runs
+from hippomat_logs.log_writer import whole_file
+from hippomat_logs.part import END_METADATA, PartWriter
+from hippomat_logs.reader import open_runs, read_raw
 from hippomat_logs.recovery import recover
 from hippomat_logs.replay import ReplayOptions, replay_run
 from hippomat_logs.replay_cli import main as replay
+from hippomat_logs.walk import Contents
 
 GOLDEN = Path(__file__).parent.parent / "golden" / "runs" / "three_wheels"
 OFFLINE = ("L0", "L1", "L2")
@@ -33,17 +36,32 @@ def cut(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
+def write_in_chunks(golden: Path, path: Path) -> None:
+    """The same log in many chunks, as a recorder writes it; kept ones are one large chunk."""
+    contents = Contents()
+    messages = list(read_raw(golden, contents))
+    with whole_file(path) as sink:
+        channels = list(contents.channels.values())
+        part = PartWriter(sink, contents.manifest, channels, contents.attachments)
+        for index, raw in enumerate(messages):
+            part.add(raw.topic, raw.number, raw.log_time_ns, raw.data)
+            if index % 500 == 499:
+                part.flush()
+        part.finish(END_METADATA, contents.end)
+
+
 @pytest.fixture(scope="module")
 def holed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Robot 1's log with a chunk damaged in its course, recovered."""
     directory = tmp_path_factory.mktemp("holed")
-    data = bytearray((GOLDEN / "robot01.mcap").read_bytes())
-    with (GOLDEN / "robot01.mcap").open("rb") as file:
+    broken = directory / "robot01.mcap"
+    write_in_chunks(GOLDEN / "robot01.mcap", broken)
+    data = bytearray(broken.read_bytes())
+    with broken.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
     chunks = summary.chunk_indexes
     data[chunks[len(chunks) // 2].chunk_start_offset + 200] ^= 0x10
-    broken = directory / "robot01.mcap"
     broken.write_bytes(data)
     recover(broken)
     broken.unlink()

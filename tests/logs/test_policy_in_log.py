@@ -19,7 +19,7 @@ from hippomat_core.messages import BASE, RoundDecided
 from hippomat_logs.reader import open_runs
 from hippomat_logs.recovery import recover_directory
 from hippomat_logs.replay import ReplayOptions, replay_run
-from hippomat_logs.report import LOSSY, OK
+from hippomat_logs.report import NOT_RUN, NOT_WHOLE, OK
 from hippomat_logs.sink import ACTIVE
 from hippomat_logs.walk import ATTACHMENT
 
@@ -109,8 +109,10 @@ def test_damaged_weights_cost_a_recovery_none_of_the_records_behind_them(tmp_pat
     (run,) = open_runs([tmp_path])
     assert sum(type(record.message) is RoundDecided for record in run.records_in_order()) == made.decisions
     report = replay_run(run, ReplayOptions(("L0", "L1", "L2", "daemon")))
-    assert [(result.level, result.status) for result in report.results] == [("L0", LOSSY)]
-    assert "the weights that decided are lost" in report.results[0].detail
+    assert {result.level: result.status for result in report.results} == {
+        "L0": NOT_WHOLE, "L1": OK, "L2": NOT_RUN, "daemon": NOT_RUN,
+    }  # fmt: skip
+    assert "the weights that decided are lost" in report.results[0].notes[0]
     assert report.exit_code == 3
 
 

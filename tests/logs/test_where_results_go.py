@@ -33,7 +33,7 @@ DIRECTORIES = {
     "export": ["export", "{log}", "-o", "{out}"],
     "filter": ["filter", "{log}", "-o", "{out}"],
     "plot": ["plot", "{log}", "-o", "{out}"],
-    "pictures of L3": ["replay", "{log}", "--levels", "L0", "-o", "{out}"],
+    "pictures of L3": ["replay", "{log}", "--levels", "L3", "-o", "{out}"],
 }
 
 

@@ -15,9 +15,9 @@ from hippomat_logs.report import REPRODUCED
 from hippomat_logs.selection import Selection, join, time_of_record, write_selection
 
 AROUND_S = 2.0
-_FILTER = """Some topics, times or robots of each run, as a new log per run: the messages as
-they are, nothing is aligned or renamed. To put several logs into one file: merge
-for viewers, fuse for everything else."""
+_FILTER = """Some topics, times or robots of each run, as a new log per run: the messages
+as they are, nothing is aligned or renamed. To put several logs into one file:
+merge for viewers, fuse for everything else."""
 _FILTER_EXAMPLES = """A record number is what hippomat-replay, doctor and explain print as "record N".
 
 examples:
