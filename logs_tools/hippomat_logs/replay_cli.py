@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return closed_loop.run(runs, options, console)
         reports = replay_all(runs, replay_options(options))
     except HippomatError as error:
-        say_error(error, options.json, console)
+        say_error(error, options.json)
         return error.exit_code
     except KeyboardInterrupt:
         print("hippomat-replay: interrupted", file=sys.stderr)

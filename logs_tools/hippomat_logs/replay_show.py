@@ -15,6 +15,7 @@ from hippomat_core.errors import HippomatError
 from hippomat_logs.paragraphs import say
 from hippomat_logs.report import DAMAGED, LOSSY, LevelResult, RunReport
 from hippomat_logs.shortfalls import whose_log
+from hippomat_logs.terminal import Terminal
 
 _COLOURS = {"reproduced": "green", "diverged": "red", "damaged": "red", "error": "red"}
 _CODES = {0: "green", 1: "red", 2: "red", 3: "red"}
@@ -69,10 +70,12 @@ def _show_findings(result: LevelResult, console: Console) -> None:
         console.print(f"{result.level}: {result.divergence}", markup=False)
 
 
-def say_error(error: HippomatError, as_json: bool, console: Console) -> None:
+def say_error(error: HippomatError, as_json: bool) -> None:
+    """Why nothing was replayed: as JSON where that is what is read, else on standard error."""
     if as_json:
         level = LevelResult("L0", LOSSY if error.exit_code == DAMAGED else "error", detail=str(error))
         print(json.dumps([RunReport("", -1, [level]).as_json()], indent=2))
     else:
+        console = Terminal(stderr=True)
         console.print(f"[red]{'damaged' if error.exit_code == DAMAGED else 'error'}[/red]: ", end="")
         console.print(str(error), markup=False)

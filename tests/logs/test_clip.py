@@ -121,9 +121,9 @@ def test_the_command_writes_a_clip_says_what_it_shows_and_ends_with_2(
     assert "RoundDecided.costs[2]" in " ".join(capsys.readouterr().out.split())
     assert main([str(clip), "--levels", "L0,L2"]) == 2
     assert main([str(clip), "--clip", str(tmp_path / "again.mcap")]) == 1
-    assert "is a clip already" in " ".join(capsys.readouterr().out.split())
+    assert "is a clip already" in " ".join(capsys.readouterr().err.split())
     assert main([str(tmp_path / "changed.mcap"), "--clip", str(clip)]) == 1
-    assert "exists already" in " ".join(capsys.readouterr().out.split())
+    assert "exists already" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_run_that_is_reproduced_has_nothing_to_clip(
@@ -143,7 +143,7 @@ def test_a_window_is_cut_for_looking_and_refused_by_replay(
     assert main([str(log), "--clip", str(window), "--at", "2.5"]) == 0
     assert "for looking at only" in " ".join(capsys.readouterr().out.split())
     assert main([str(window)]) == 3
-    assert "is a selection of a run" in " ".join(capsys.readouterr().out.split())
+    assert "is a selection of a run" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(
@@ -162,4 +162,4 @@ def test_options_that_do_not_go_together_are_refused(
     log: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([str(log), *arguments]) == 1
-    assert said in " ".join(capsys.readouterr().out.split())
+    assert said in " ".join(capsys.readouterr().err.split())

@@ -141,7 +141,7 @@ def test_what_is_not_committed_is_blessed_only_when_told_to(
 ) -> None:
     (changed / EXPECTED).write_text((changed / EXPECTED).read_text() + "\n")
     assert main([str(changed), "--update-golden", "--reason", "x"]) == 1
-    assert "not committed" in " ".join(capsys.readouterr().out.split())
+    assert "not committed" in " ".join(capsys.readouterr().err.split())
     assert main([str(changed), "--update-golden", "--reason", "x", "--allow-dirty", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["commit"].endswith("-dirty")
@@ -150,4 +150,4 @@ def test_what_is_not_committed_is_blessed_only_when_told_to(
 
 def test_a_directory_without_golden_runs_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(tmp_path), "--update-golden", "--reason", "x"]) == 1
-    assert "holds no golden run" in " ".join(capsys.readouterr().out.split())
+    assert "holds no golden run" in " ".join(capsys.readouterr().err.split())

@@ -232,7 +232,7 @@ def test_a_usage_error_is_exit_code_1(
 def test_a_log_still_being_recorded_is_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.mcap.active").write_bytes(b"x")
     assert main([str(tmp_path / "a.mcap.active")]) == 3
-    assert "hippomat-logs recover" in capsys.readouterr().out
+    assert "hippomat-logs recover" in capsys.readouterr().err
 
 
 def test_nothing_compared_is_a_failure(log: Path, tmp_path: Path) -> None:

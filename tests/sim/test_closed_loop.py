@@ -213,7 +213,7 @@ def test_what_cannot_be_asked_is_refused_in_one_line(
     options: list[str], complaint: str, recorded_fleet: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([str(recorded_fleet), *options]) == 1
-    said = capsys.readouterr().out
+    said = capsys.readouterr().err
     assert said.startswith("error: ")
     assert complaint in " ".join(said.split())
 
@@ -232,7 +232,7 @@ def test_without_a_simulator_the_remedy_is_named(
 ) -> None:
     monkeypatch.setattr("hippomat_logs.closed_loop.rerun.entry_points", lambda group: [])  # noqa: ARG005
     assert main([str(recorded_fleet), "--closed-loop"]) == 1
-    assert "pip install 'hippomat[sim]'" in capsys.readouterr().out
+    assert "pip install 'hippomat[sim]'" in capsys.readouterr().err
 
 
 def test_two_runs_of_one_robot_are_no_fleet(
@@ -240,7 +240,7 @@ def test_two_runs_of_one_robot_are_no_fleet(
 ) -> None:
     other = record(tmp_path, seed=9, seconds=1.0)
     assert main([str(recorded_fleet), str(other), "--closed-loop"]) == 1
-    assert "has 2 runs" in capsys.readouterr().out
+    assert "has 2 runs" in capsys.readouterr().err
 
 
 def test_the_command_prints_the_recorded_run_among_its_re_runs_and_draws_it(
