@@ -14,6 +14,7 @@ import zstandard
 
 from hippomat_core.errors import LogError
 from hippomat_logs.mcap_writer import ATTACHMENT, CHUNK, DATA_END, HEADER, MAGIC, MESSAGE_INDEX, METADATA
+from hippomat_logs.part import RUN_METADATA
 from hippomat_logs.walk import (
     PREFIX,
     Contents,
@@ -52,7 +53,7 @@ def walk_leniently(data: memoryview, contents: Contents) -> Iterator[RawMessage]
                 yield from _salvaged(data[at:], contents)
                 return
             yield from _damaged_chunk(data, at, contents, str(error))
-            at = _next_place(data, at)
+            at = _next_place(data, at, contents)
 
 
 def _damaged_chunk(data: memoryview, at: int, contents: Contents, why: str) -> Iterator[RawMessage]:
@@ -67,18 +68,30 @@ def _damaged_chunk(data: memoryview, at: int, contents: Contents, why: str) -> I
     yield from messages
 
 
-def _next_place(data: memoryview, at: int) -> int | None:
-    """Where to go on: behind the damaged record if its frame makes sense, but never past a chunk."""
-    whole = data.obj
-    assert isinstance(whole, (bytes, mmap.mmap))
-    mark = whole.find(_CHUNK_MARK, at + 1 + _MARK_OFFSET)
-    chunk = None if mark < 0 else mark - _MARK_OFFSET
+def _next_place(data: memoryview, at: int, contents: Contents) -> int | None:
+    """Where to go on: behind the damaged record if its frame makes sense.
+
+    Never past a chunk, nor past the run's manifest while that is not known.
+    """
+    chunk = _found(data, _CHUNK_MARK, at + 1, _MARK_OFFSET)
+    if not contents.manifest:
+        name = (RUN_METADATA + contents.inside).encode()
+        manifest = _found(data, struct.pack("<I", len(name)) + name, at + 1, PREFIX.size)
+        chunk = min((place for place in (chunk, manifest) if place is not None), default=None)
     if len(data) - at >= 9:
         opcode, length = PREFIX.unpack_from(data, at)
         behind = at + 9 + length
         if opcode in _OPCODES and behind < len(data) and (chunk is None or behind <= chunk):
             return int(behind)
     return chunk
+
+
+def _found(data: memoryview, mark: bytes, start: int, offset: int) -> int | None:
+    """Where the first record from `start` on begins that has these bytes `offset` behind its beginning."""
+    whole = data.obj
+    assert isinstance(whole, (bytes, mmap.mmap))
+    at = whole.find(mark, start + offset)
+    return None if at < 0 else at - offset
 
 
 def _length_inside(data: memoryview, at: int) -> int:

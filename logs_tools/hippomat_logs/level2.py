@@ -35,6 +35,13 @@ def is_near_tie(decided: m.RoundDecided) -> bool:
     return len(top) == 2 and float(top[1] - top[0]) <= TIE_MARGIN
 
 
+def tied(decided: m.RoundDecided, action: int) -> bool:
+    """Whether another machine's last bits may decide for `action` instead."""
+    best = float(np.max(decided.logits)) if len(decided.logits) else math.inf
+    within = 0 <= action < len(decided.logits) and best - float(decided.logits[action]) <= TIE_MARGIN
+    return within and action != decided.action and is_near_tie(decided)
+
+
 class EffectComparison:
     """Compare effects with recorded ones, one after the other."""
 
@@ -58,13 +65,14 @@ class EffectComparison:
             return None
         name = type(recorded).__name__
         for path, a, b in differences(recorded, replayed):
-            if self.exact or not self._tolerated(recorded, path, a, b):
+            if self.exact or not self._tolerated(recorded, replayed, path, a, b):
                 return f"{name}.{path}", a, b
         return (name, recorded, replayed) if self.exact else None
 
-    def _tolerated(self, recorded: Any, path: str, a: Any, b: Any) -> bool:
-        if isinstance(recorded, m.RoundDecided) and path == "action" and is_near_tie(recorded):
-            self.near_ties += 1
+    def _tolerated(self, recorded: Any, replayed: Any, path: str, a: Any, b: Any) -> bool:
+        decided = isinstance(recorded, m.RoundDecided)
+        if decided and path in ("action", "reason") and tied(recorded, replayed.action):
+            self.near_ties += path == "action"
             return True
         if isinstance(a, float) and isinstance(b, float):
             limit = LOGITS_TOLERANCE if path.startswith("logits") else FLOAT_TOLERANCE
@@ -122,6 +130,7 @@ class DecisionReplay:
             self._no_more(self._last)
         how = "bit-equal" if self._compare.exact else "within tolerances: another machine or library"
         detail = f"{self._effects:,} effects of {self._events:,} events, {how}"
+        detail += ", up to a near-tie" if self._stopped else ""
         status = OK if self.divergence is None and self._decisions else FAILED
         if self.divergence is None and not self._decisions:
             if self._effects and not self._decides:

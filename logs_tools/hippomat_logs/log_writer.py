@@ -5,6 +5,7 @@ Decides channels and their numbers. Every ROS tool opens the result as it opens 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -100,11 +101,9 @@ def writing(path: Path) -> Iterator[LogWriter]:
 def whole_file(path: Path) -> Iterator[FileSink]:
     """A new file that appears once its sink is finished, or not at all; nothing is overwritten."""
     refuse_existing(path)
-    (path.parent / (path.name + PARTIAL)).unlink(missing_ok=True)
-    sink = FileSink(path.parent, path.name, PARTIAL)
+    # named after the process: two that write the same name must not write into one file
+    sink = FileSink(path.parent, path.name, f".{os.getpid()}{PARTIAL}")
     try:
         yield sink
     finally:
-        if not path.exists():
-            sink.abandon()
-            (path.parent / (path.name + PARTIAL)).unlink(missing_ok=True)
+        sink.discard()

@@ -16,7 +16,9 @@ from hippomat_logs.schema import DERIVED, LATCHED, TOPICS, MessageStore, type_na
 from hippomat_logs.sink import Sink
 
 CHUNK_BYTES = 256 * 1024
-RUN_METADATA = "hippomat.run"  # directly behind the header of every part
+RUN_METADATA = "hippomat.run"  # directly behind the header of every part, and once more behind a gap
+GAP_METADATA = "hippomat.gap"
+GAP_BYTES = 4096  # a bad block of a disk must not reach both
 POLICY_ATTACHMENT = "policy.safetensors"  # behind the manifest, where the allocator has weights
 END_METADATA = "hippomat.end"  # last of a part that was finished
 RECOVERY_METADATA = "hippomat.recovery"  # last of a part that was recovered: what it lost
@@ -105,8 +107,10 @@ class PartWriter:
     ) -> None:
         self.sink = sink
         self._writer = McapWriter(sink, "ros2", f"hippomat {package_version()}", chunk_bytes, level)
-        for _ in range(2):  # nothing can be read without it, so one copy may be damaged
-            self._add_facts(RUN_METADATA, {**manifest, CHANNELS_KEY: channels_crc32(channels)})
+        facts = {**manifest, CHANNELS_KEY: channels_crc32(channels)}
+        self._add_facts(RUN_METADATA, facts)
+        self._add_facts(GAP_METADATA, {"": " " * GAP_BYTES})
+        self._add_facts(RUN_METADATA, facts)  # nothing can be read without it, so one copy may be damaged
         wall_ns = int(manifest.get("started_ns", "0")) + int(manifest.get("wall_offset_ns", "0"))
         for name, data in attachments.items():
             self._writer.add_attachment(wall_ns, name, "application/octet-stream", data)

@@ -54,7 +54,7 @@ class PartSeries:
         part_s: float = 0.0,
         attachments: Mapping[str, bytes] | None = None,
     ) -> None:
-        """part_s: no part spans more time than this; 0: any."""
+        """part_s: a part that spans so much time is ended at the next flush; 0: any."""
         self._open_sink = open_sink
         self._name = name
         self._manifest = dict(manifest)

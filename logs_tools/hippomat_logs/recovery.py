@@ -65,7 +65,7 @@ def recover_active(path: Path, store: MessageStore) -> str:
             return _set_aside(path, f"{name} exists already")
         kept, contents = _rewrite(path, name, store)
         if not contents.manifest:
-            return _set_aside(path, "nothing in it could be read")
+            return _set_aside(path, "its run manifest cannot be read, so nothing was made of it")
         if contents.damage:
             _set_aside(path, "")
             what = _shown(contents)
@@ -132,6 +132,8 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
     with mapped(path) as data:
         try:
             for raw in _numbered(walk_leniently(data, contents), contents, store):
+                if not contents.manifest:  # it stands before all records: nobody could say whose these are
+                    break
                 writer = writer or opened()
                 writer.add(raw.topic, raw.number, raw.log_time_ns, raw.data)
                 kept += raw.topic in CLASSES

@@ -125,8 +125,8 @@ def _integrity(run: Run) -> LevelResult:
 
 def _up_to_loss(run: Run, result: LevelResult) -> LevelResult:
     """Says how far it goes; that nothing came before a loss is no divergence."""
-    if result.divergence is None and result.status == FAILED and (run.lost or run.recovered):
-        detail = "nothing was decided before the log ends, or first lacks records"
+    if result.divergence is None and result.status in (FAILED, NOT_RUN) and (run.lost or run.recovered):
+        detail = "nothing to compare before the log ends, or first lacks records"
         return LevelResult(result.level, NOT_RUN, detail=detail)
     if run.lost:
         result.notes.append("compared up to the first lost record")

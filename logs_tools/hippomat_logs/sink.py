@@ -72,20 +72,26 @@ class FileSink:
         os.fdatasync(self._fd)
 
     def finish(self) -> None:
+        """Raises FileExistsError where somebody else has made a file of this name in the meantime."""
         self.flush()
         os.fsync(self._fd)
+        if self.path.exists():
+            raise FileExistsError(errno.EEXIST, "made by somebody else meanwhile", str(self.path))
         os.rename(self._active, self.path)
         sync_directory(self.path.parent)
         os.close(self._fd)
+        self._fd = -1
 
     def abandon(self) -> None:
         """Leave the file as it was after the last good flush; recovery makes a log of it."""
         os.close(self._fd)
 
     def discard(self) -> None:
-        """There shall be no such file: nothing was recorded into it."""
-        self._active.unlink(missing_ok=True)
-        os.close(self._fd)
+        """There shall be no such file, unless it is finished."""
+        if self._fd >= 0:
+            self._active.unlink(missing_ok=True)
+            os.close(self._fd)
+            self._fd = -1
 
 
 class FullDiskSink:

@@ -169,7 +169,7 @@ def test_garbage_and_empty_files_are_named_not_raised(tmp_path: Path) -> None:
     (tmp_path / "b.mcap.active").write_bytes(b"no log at all")
     lines = recover_directory(tmp_path)
     assert "empty, removed" in lines[0]
-    assert "nothing in it could be read" in lines[1]
+    assert "its run manifest cannot be read, so nothing was made of it" in lines[1]
     assert [path.name for path in tmp_path.iterdir()] == ["b.mcap.damaged"]
 
 
@@ -186,6 +186,31 @@ def test_a_damaged_finished_log_is_rewritten_beside_itself(tmp_path: Path) -> No
     assert "whole, nothing to do" in recover(recovered)[0]
     with pytest.raises(HippomatError, match="exists already"):
         recover(path)
+
+
+@pytest.mark.parametrize("block", [0, 1])
+def test_a_bad_block_of_the_disk_does_not_reach_both_manifests(tmp_path: Path, block: int) -> None:
+    record_run(tmp_path, ticks=20)
+    (path,) = tmp_path.glob("*.mcap")
+    records = sum(1 for _ in read_records(path))
+    data = bytearray(path.read_bytes())
+    data[4096 * block : 4096 * (block + 1)] = bytes(4096)
+    path.with_name(path.name + ".active").write_bytes(data)
+    path.unlink()
+    (line,) = recover(tmp_path)
+    assert f"recovered, {records} records kept" in line
+
+
+def test_a_log_without_any_manifest_is_kept_aside_and_nothing_is_made_of_it(tmp_path: Path) -> None:
+    record_run(tmp_path, ticks=20)
+    (path,) = tmp_path.glob("*.mcap")
+    data = bytearray(path.read_bytes())
+    data[0:16384] = bytes(16384)
+    path.with_name(path.name + ".active").write_bytes(data)
+    path.unlink()
+    (line,) = recover(tmp_path)
+    assert "its run manifest cannot be read, so nothing was made of it; kept as" in line
+    assert [one.name for one in tmp_path.iterdir()] == [path.name + ".damaged"]
 
 
 def test_a_path_that_does_not_exist_is_named(tmp_path: Path) -> None:

@@ -258,6 +258,15 @@ def test_another_machine_may_differ_in_the_last_bits_and_at_near_ties_only() -> 
     assert tolerant.first_difference(sure, dataclasses.replace(sure, action=1)) is not None
     assert tolerant.first_difference(tie, dataclasses.replace(tie, action=0)) is None
     assert tolerant.near_ties == 1
+    idle = dataclasses.replace(tie, action=0, reason="none is worth it")
+    assert tolerant.first_difference(tie, idle) is None
+
+
+@pytest.mark.parametrize("action", [-1, 2, 3])
+def test_a_near_tie_of_two_actions_excuses_no_third(action: int) -> None:
+    tie = decided([3.0, 3.00005, -1e30], 1)
+    said = EffectComparison(STORE, False).first_difference(tie, dataclasses.replace(tie, action=action))
+    assert said == ("RoundDecided.action", 1, action)
 
 
 def test_a_core_whose_effect_no_log_can_hold_diverges_and_names_the_field(

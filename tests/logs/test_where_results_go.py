@@ -9,6 +9,7 @@ import pytest
 from recorded_run import record_run
 
 from hippomat_logs import cli, replay_cli
+from hippomat_logs.log_writer import whole_file
 
 DATA = {
     "filter": ["filter", "{log}", "-o", "{out}.mcap"],
@@ -158,3 +159,26 @@ def test_a_place_that_may_not_be_written_is_named(
     tmp_path.chmod(0o500)
     code, said = answer(DATA["filter"], log, tmp_path / "x", capsys)
     assert (code, "nothing may be written in" in said) == (1, True), said
+
+
+def test_two_that_write_the_same_name_do_not_write_into_one_file(tmp_path: Path) -> None:
+    precious = tmp_path / "x.mcap.partial"
+    precious.write_text("a user's own file")
+    first, second = whole_file(tmp_path / "x.mcap"), whole_file(tmp_path / "x.mcap")
+    sink = first.__enter__()
+    with pytest.raises(FileExistsError):  # of one process; of two, each has its own
+        second.__enter__()
+    sink.write(b"whole")
+    sink.finish()
+    first.__exit__(None, None, None)
+    assert (tmp_path / "x.mcap").read_bytes() == b"whole"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["x.mcap", precious.name]
+
+
+def test_a_file_that_somebody_else_has_made_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
+    with whole_file(tmp_path / "x.mcap") as sink:
+        sink.write(b"late")
+        (tmp_path / "x.mcap").write_bytes(b"theirs")
+        with pytest.raises(FileExistsError, match="meanwhile"):
+            sink.finish()
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("x.mcap", b"theirs")]
