@@ -234,7 +234,7 @@ def plugged(*devices: Device) -> Iterator[None]:
             device.close()
 
 
-def wait_until(true_at_last: object, timeout_s: float = 10.0) -> bool:
+def wait_until(true_at_last: object, timeout_s: float = 30.0) -> bool:
     """Poll a callable; False if it was not true in time."""
     assert callable(true_at_last)
     until_s = time.monotonic() + timeout_s

@@ -87,7 +87,7 @@ def test_an_unfinished_log_is_named_with_its_remedy(tmp_path: Path) -> None:
 
 
 def wait_until(done: Callable[[], bool]) -> None:
-    until_s = time.monotonic() + 10.0
+    until_s = time.monotonic() + 30.0
     while not done() and time.monotonic() < until_s:
         time.sleep(0.02)
 
