@@ -7,6 +7,7 @@ decisions `hippomat-replay tests/golden/runs --update-golden` keeps the events. 
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import tempfile
@@ -14,8 +15,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
+from safetensors.numpy import save
 
+from hippomat_core.allocation.paper_network import expected_shapes
 from hippomat_core.errors import HippomatError
 from hippomat_logs.golden import write_expected
 from hippomat_logs.golden_command import blessing_of
@@ -52,6 +56,31 @@ class InLockstep:
     kept: tuple[int, ...]
     leave_s: Mapping[int, float] = field(default_factory=dict)
     carried: tuple[Carried, ...] = ()
+    weights: bytes = b""  # as WEIGHTS, which its toml names
+
+
+WEIGHTS = "golden.safetensors"
+DECIDED_BY = "decided_by_"
+
+
+def decided_by(allocator: str, kept: int, weights: bytes = b"") -> InLockstep:
+    """One request or more of one robot, and no more than that: robots listen for 4 s before their first.
+
+    kept: the robot whose decisions are other allocators' least.
+    """
+    policy = f'policy = "{WEIGHTS}"\n' if weights else ""
+    return InLockstep(
+        DECIDED_BY + allocator,
+        f'[lidar]\nmax_range_m = 0.5\n[fleet]\nallocator = "{allocator}"\n{policy}dwell_s = 0.3\n',
+        robots=3, tasks=3, seconds=5.5, seed=4, loss=0.1, kept=(kept,), weights=weights,
+    )  # fmt: skip
+
+
+def drawn_weights(tasks: int) -> bytes:
+    """Of the paper's network, trained for nothing: eighths, so that no two logits are nearly equal."""
+    drawn = np.random.default_rng(1)
+    shapes = expected_shapes(tasks).items()
+    return save({key: (drawn.integers(-2, 3, shape) / 8).astype(np.float32) for key, shape in shapes})
 
 
 RUNS = (
@@ -97,6 +126,14 @@ wait_s = 1.0
         robots=4, tasks=3, seconds=26.0, seed=31, loss=0.15, kept=(0, 1),
         carried=(Carried(6.0, 0, (2.3, 0.0, 0.0)),),
     ),
+    # The allocators of which the runs above have none.
+    decided_by("hungarian", kept=0),
+    decided_by("greedy", kept=1),
+    decided_by("auction", kept=1),
+    decided_by("ipso_g", kept=0),
+    decided_by("random", kept=2),
+    decided_by("fixed_slot", kept=0),
+    decided_by("paper_network", kept=1, weights=drawn_weights(tasks=3)),
 )  # fmt: skip
 
 
@@ -152,6 +189,9 @@ def record(run: WithDaemons | InLockstep, made: Path) -> None:
         return
     config = made / "hippomat.toml"
     config.write_text(run.toml, encoding="utf-8")
+    if run.weights:
+        (made / WEIGHTS).write_bytes(run.weights)
+        os.chdir(made)  # a log keeps the path as configured: one that is the same on every recording
     settings = RunSettings(
         DEMO_ROOM, made / "run", run.robots, run.tasks, run.seconds, run.loss, run.seed,
         config=config, slam=False, carried=run.carried,
