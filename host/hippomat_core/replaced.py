@@ -29,13 +29,16 @@ else:
 
 
 _COPIERS: dict[type, _Copier] = {}
+_OUR_CODE = "<value>"  # the file of functions generated here, in a traceback
+_DATACLASS_CODE = dataclasses.make_dataclass("_Any", []).__init__.__code__.co_filename  # type: ignore[misc]
 
 
 def quickly_made(kind: type[T]) -> type[T]:
     """Decorates a frozen dataclass with slots of which thousands are made: __init__ becomes a fast one."""
     twin = _twin(kind)
     fields = dataclasses.fields(kind)  # type: ignore[arg-type]
-    if twin is None or any(f.default_factory is not dataclasses.MISSING or f.kw_only for f in fields):
+    special = any(f.default_factory is not dataclasses.MISSING or f.kw_only for f in fields)
+    if twin is None or special:
         raise TypeError(f"{kind.__name__} cannot be made quickly: it takes plain fields in, and does no more")
     body = "".join(f" self.{f.name} = {f.name}\n" for f in fields)
     init = _generated(
@@ -49,7 +52,14 @@ def quickly_made(kind: type[T]) -> type[T]:
     init.__annotations__ = kind.__init__.__annotations__
     init.__qualname__ = f"{kind.__qualname__}.__init__"
     kind.__init__ = init  # type: ignore[method-assign]
+    kind.__init_subclass__ = classmethod(_refuse_subclass)  # type: ignore[assignment]
     return kind
+
+
+def _refuse_subclass(kind: type) -> None:
+    """A subclass would inherit the fast __init__, which makes its base: dataclasses would not."""
+    base = kind.__bases__[0].__name__
+    raise TypeError(f"{kind.__name__} cannot inherit from {base}, which is quickly made: it would become one")
 
 
 def maker_of(kind: type) -> Callable[..., Any]:
@@ -75,11 +85,13 @@ def _copier(kind: type) -> _Copier:
     body = "".join(f" made.{f.name} = value.{f.name}\n" for f in dataclasses.fields(kind))
     copy: _Copier = _generated(
         f"def copy(value, changes):\n made = twin()\n{body}"
-        " for name in changes: setattr(made, name, changes[name])\n"
+        " try:\n  for name in changes: setattr(made, name, changes[name])\n"
+        " except AttributeError: return careful(value, **changes)\n"  # says what dataclasses says
         " made.__class__ = kind\n return made",
         twin=twin,
         kind=kind,
         setattr=setattr,
+        careful=dataclasses.replace,
     )
     return copy
 
@@ -88,15 +100,21 @@ def _twin(kind: type) -> type | None:
     """The class with the same slots that is not frozen; None where making a `kind` takes more than that."""
     fields = dataclasses.fields(kind)
     slots = kind.__dict__.get("__slots__", ())
-    plain = kind.__bases__ == (object,) and not hasattr(kind, "__post_init__")
+    plain = kind.__bases__ == (object,) and not hasattr(kind, "__post_init__") and _has_made_init(kind)
     if not plain or any(not f.init for f in fields) or set(slots) != {f.name for f in fields}:
         return None
     return type(kind.__name__, (), {"__slots__": slots})
 
 
+def _has_made_init(kind: type) -> bool:
+    """Did dataclasses (or quickly_made) write its __init__? They leave one alone that the class defines."""
+    code = getattr(kind.__init__, "__code__", None)  # type: ignore[misc]
+    return code is not None and code.co_filename in (_DATACLASS_CODE, _OUR_CODE)
+
+
 def _generated(code: str, **names: Any) -> Any:
     """The one function that the code defines."""
     scope: dict[str, Any] = {}
-    exec(compile(code, "<value>", "exec"), names, scope)
+    exec(compile(code, _OUR_CODE, "exec"), names, scope)
     (function,) = scope.values()
     return function

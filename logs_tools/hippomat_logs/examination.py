@@ -21,10 +21,10 @@ from hippomat_core.messages import Tick
 from hippomat_logs.column_table import table_of
 from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.manifest import config_of
-from hippomat_logs.reader import Losses, mapped, open_again, reading_store, runs_inside
+from hippomat_logs.reader import Losses, is_as_here, mapped, open_again, reading_store, runs_inside
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.recovery import lenient_contents
-from hippomat_logs.schema import CLASSES, MessageStore
+from hippomat_logs.schema import CLASSES, DERIVED, MessageStore
 from hippomat_logs.shortfalls import ENDED_EARLY, shortfalls
 from hippomat_logs.sink import ACTIVE
 from hippomat_logs.sources import Source, open_source
@@ -144,10 +144,12 @@ def _examine_records(
     expected: int | None = None
     losses, clock = Losses(), _Clock()
     for raw in raws:
-        if raw.topic not in CLASSES:
-            continue
         if expected is None:
             expected = int(contents.manifest.get("first_record", "1"))
+        if raw.topic not in CLASSES:
+            if raw.topic not in DERIVED:
+                found.add(LOSS, f"record {raw.number} is on {raw.topic}, which this version does not know")
+            continue
         found.records += 1
         try:
             message = store.decode(CLASSES[raw.topic], raw.data)
@@ -234,7 +236,7 @@ def _examine_settings(path: Path, contents: Contents, found: Examination) -> Non
     except ConfigError as error:
         found.add(DAMAGE, f"the weights in it cannot be used: {error}")
     for channel in contents.channels.values():
-        if channel.topic in CLASSES and store.schema_text(channel.type_name) != channel.definition:
+        if not is_as_here(channel, store):
             version = manifest.get("hippomat", "?")
             found.add(REMARK, f"{channel.topic} has other fields than in this version; recorded by {version}")
 

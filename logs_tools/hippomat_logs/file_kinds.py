@@ -21,6 +21,7 @@ LOG_SUFFIXES = (".mcap", ".bag", ".db3")
 LOOK_BYTES = 1 << 16  # at either end
 _TEXT_BYTES = 512
 _HEADER_BYTES = 64  # MCAP's magic bytes and its first record, which names the library that wrote the file
+_MAGIC_ENOUGH = 4  # bytes of the magic that a file cut within it must hold: 0x89 alone begins many a file
 _OURS = tuple(name.encode() for name in (RUN_METADATA, FUSED_METADATA, END_METADATA))
 _TAKE_IT = "`hippomat-logs info`, plot, export and convert take it"
 
@@ -87,13 +88,17 @@ def _is_beginning_of_ours(head: bytes, tail: bytes) -> bool:
     """Cut before its manifest: the header names who wrote it, and less than that is held to be ours."""
     begins = MAGIC.startswith(head[: len(MAGIC)])
     if len(head) < _HEADER_BYTES:
-        return begins
+        return begins and len(head) >= _MAGIC_ENOUGH
     return begins and not tail.endswith(MAGIC) and b"hippomat" in head[:_HEADER_BYTES]
 
 
 def _is_text(head: bytes) -> bool:
     text = head.decode("utf-8", "replace").rstrip("\ufffd")  # the last letter may be cut
-    return all(letter.isprintable() or letter in "\t\n\r\f" for letter in text) and "\ufffd" not in text
+    return (
+        bool(text)
+        and all(letter.isprintable() or letter in "\t\n\r\f" for letter in text)
+        and "\ufffd" not in text
+    )
 
 
 def refuse_missing(path: Path) -> None:

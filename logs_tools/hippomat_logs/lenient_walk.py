@@ -16,6 +16,7 @@ from hippomat_core.errors import LogError
 from hippomat_logs.mcap_writer import ATTACHMENT, CHUNK, DATA_END, HEADER, MAGIC, MESSAGE_INDEX, METADATA
 from hippomat_logs.part import RUN_METADATA
 from hippomat_logs.walk import (
+    MAX_CHUNK_BYTES,
     PREFIX,
     Contents,
     RawMessage,
@@ -47,7 +48,7 @@ def walk_leniently(data: memoryview, contents: Contents) -> Iterator[RawMessage]
                 yield from record(opcode, body, at, contents)
                 contents.complete_bytes = at = behind
             return
-        except (LogError, struct.error, UnicodeDecodeError, KeyError) as error:
+        except LogError as error:
             if _is_cut(data, at):
                 contents.damage.append(f"the chunk at byte {at} is cut short")
                 yield from _salvaged(data[at:], contents)
@@ -61,7 +62,7 @@ def _damaged_chunk(data: memoryview, at: int, contents: Contents, why: str) -> I
     try:
         inside = inflated(data[at + 9 : at + 9 + _length_inside(data, at)], at)
         messages = list(messages_inside(inside, contents))
-    except (LogError, struct.error, UnicodeDecodeError, KeyError):
+    except (LogError, struct.error):
         contents.damage.append(f"byte {at} passed over: {why}")
         return
     contents.damage.append(f"head of the chunk at byte {at} damaged, its contents are whole")
@@ -114,10 +115,11 @@ def _is_cut(data: memoryview, at: int) -> bool:
 def _salvaged(tail: memoryview, contents: Contents) -> Iterator[RawMessage]:
     """Messages at the head of a chunk whose end is missing; no checksum covers them, so they are counted."""
     try:
-        _, _, compressed = chunk_head(tail[9:])
-        inside = zstandard.ZstdDecompressor().decompressobj().decompress(bytes(tail[9 + compressed :]))
+        size, _, compressed = chunk_head(tail[9:])
+        reader = zstandard.ZstdDecompressor().stream_reader(bytes(tail[9 + compressed :]))
+        inside = reader.read(min(size, MAX_CHUNK_BYTES))
         for message in messages_inside(inside, contents):
             contents.unverified += 1
             yield message
-    except (LogError, struct.error, zstandard.ZstdError):
+    except (LogError, zstandard.ZstdError):
         return

@@ -23,6 +23,7 @@ from hippomat_core.allocation.policy_file import read_policy
 from hippomat_core.config import Config, config_from_dict, config_to_dict
 from hippomat_core.errors import LogError
 from hippomat_core.wire.frames import PROTOCOL_VERSION
+from hippomat_logs.facts import object_of
 from hippomat_logs.part import package_version
 
 FORMAT = "1"
@@ -65,10 +66,10 @@ def fingerprint() -> dict[str, str]:
 def recorded_threads(manifest: Mapping[str, str]) -> dict[str, str]:
     """Thread settings of the run, for the environment of a process that shall compute alike."""
     try:
-        facts = json.loads(manifest.get("fingerprint", "{}"))
-    except ValueError:
+        facts = object_of(manifest.get("fingerprint", "{}"), "fingerprint")
+    except LogError:
         return {}
-    return {name: facts[name] for name in THREAD_SETTINGS if str(facts.get(name, "")).isdigit()}
+    return {name: str(facts[name]) for name in THREAD_SETTINGS if str(facts.get(name, "")).isdigit()}
 
 
 @cache
@@ -111,8 +112,8 @@ def run_manifest(
 def config_of(manifest: Mapping[str, str], name: str) -> Config:
     """The run's configuration; `name` is the file, for the error."""
     try:
-        return config_from_dict(json.loads(manifest["config"]), name)
-    except (KeyError, ValueError) as error:
+        return config_from_dict(object_of(manifest["config"], "config"), name)
+    except (KeyError, LogError) as error:
         raise LogError(
             f"{name}: its manifest holds no usable configuration ({error}); is it a hippomat log?"
         ) from None

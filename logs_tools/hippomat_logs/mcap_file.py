@@ -41,6 +41,7 @@ from hippomat_logs.walk import (
     pairs_of,
     records,
     string_of,
+    zstd_frame,
 )
 
 _MESSAGE = struct.Struct("<BQHIQQ")
@@ -95,24 +96,27 @@ class McapFile:
         wanted = frozenset(self.channels if channels is None else channels)
         with mapped(self.path) as data:
             if not self.chunks:
-                yield from _rows_in(data, len(MAGIC), len(data), wanted, start_ns, end_ns)
+                yield from _rows_in(data, len(MAGIC), len(data), wanted, start_ns, end_ns, self.path)
             for chunk in self.chunks:
                 outside = chunk.end_ns < start_ns or chunk.start_ns >= end_ns
                 if outside or (chunk.channels and not chunk.channels & wanted):
                     continue
                 inside = memoryview(self._inflated(data, chunk))
                 forget(data, chunk.offset, chunk.offset + chunk.length)
-                yield from _rows_in(inside, 0, len(inside), wanted, start_ns, end_ns)
+                yield from _rows_in(inside, 0, len(inside), wanted, start_ns, end_ns, self.path)
 
     def attachment(self, name: str) -> bytes:
         """Its data; LogError where the checksum is wrong."""
         offset, length = self.attachments[name]
         with mapped(self.path) as data:
             body = data[offset + 9 : offset + length]
-            if zlib.crc32(body[:-4]) != struct.unpack("<I", body[-4:])[0]:
+            if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
                 raise LogError(f"{self.path}: attachment {name} has a wrong checksum")
-            _, at = string_of(body, 16)
-            _, at = string_of(body, at)
+            try:
+                _, at = string_of(body, 16)
+                _, at = string_of(body, at)
+            except LogError as error:
+                raise LogError(f"{self.path}: attachment {name}: {error}") from None
             return bytes(body[at + 8 : -4])
 
     def _inflated(self, data: memoryview, chunk: _Chunk) -> bytes:
@@ -123,9 +127,9 @@ class McapFile:
             compression, at = string_of(body, 28)
             (stored,) = struct.unpack_from("<Q", body, at)
             if data[chunk.offset] != CHUNK or stored != len(body) - at - 8 or size > MAX_CHUNK_BYTES * 16:
-                raise LogError(f"{where} has impossible sizes")
+                raise LogError("impossible sizes")
             inside = decompress(compression, bytes(body[at + 8 :]), size)
-        except (struct.error, zstandard.ZstdError, RuntimeError, ValueError) as error:
+        except (LogError, struct.error, IndexError, zstandard.ZstdError, RuntimeError, ValueError) as error:
             raise LogError(f"{where} cannot be read: {error}") from None
         if len(inside) != size or (crc and zlib.crc32(inside) != crc):
             raise LogError(f"{where} has a wrong checksum: at least one bit has changed")
@@ -133,11 +137,11 @@ class McapFile:
 
 
 def decompress(compression: str, data: bytes, size: int) -> bytes:
-    """Raises ValueError for a compression that MCAP does not know."""
+    """At most size + 1 bytes. Raises ValueError for a compression that MCAP does not know."""
     if compression == "zstd":
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+        return zstd_frame(data, size)
     if compression == "lz4":
-        return bytes(lz4.frame.decompress(data))
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
     if compression:
         raise ValueError(f"compression {compression!r} is not known")
     return data
@@ -154,7 +158,9 @@ def open_mcap(path: Path) -> McapFile:
             _read_summary(file, data, summary, end)
             if not file.chunks:
                 _scan(file, data)
-        except (struct.error, UnicodeDecodeError, KeyError) as error:
+        except (LogError, struct.error, IndexError) as error:
+            if str(path) in str(error):
+                raise
             raise LogError(f"{path}: its index is damaged ({error}); try `hippomat-logs recover`") from None
     return file
 
@@ -257,7 +263,7 @@ def _described(
 
 
 def _rows_in(
-    data: memoryview, start: int, end: int, wanted: frozenset[int], start_ns: int, end_ns: int
+    data: memoryview, start: int, end: int, wanted: frozenset[int], start_ns: int, end_ns: int, path: Path
 ) -> Iterator[RawRow]:
     """Messages among the records of data[start:end], a chunk's inside or a whole data section."""
     at, unpack = start, _MESSAGE.unpack_from
@@ -266,7 +272,7 @@ def _rows_in(
         opcode, length, channel, sequence, log_time_ns, own_ns = unpack(data, at)
         behind = at + 9 + length
         if behind > end:
-            raise LogError(f"record at byte {at} is cut short")
+            raise LogError(f"{path}: record at byte {at} is cut short")
         if opcode == MESSAGE and channel in wanted and start_ns <= log_time_ns < end_ns:
             yield RawRow(channel, sequence, log_time_ns, bytes(data[at + 31 : behind]), own_ns)
         elif opcode == DATA_END:

@@ -24,8 +24,9 @@ from hippomat_logs.cdr_encoder import ENCAPSULATION
 from hippomat_logs.copies import each_part_once
 from hippomat_logs.file_kinds import each_once, refuse_foreign
 from hippomat_logs.manifest import config_of
+from hippomat_logs.part import ChannelSpec
 from hippomat_logs.records import DropRecord, SerialRecord
-from hippomat_logs.schema import CLASSES, DERIVED, TOPICS, MessageStore
+from hippomat_logs.schema import CLASSES, DERIVED, TOPICS, MessageStore, type_name
 from hippomat_logs.sink import ACTIVE
 from hippomat_logs.strict_walk import fused_runs, walk_strictly
 from hippomat_logs.walk import Contents, Inside, RawMessage, counted_inside
@@ -324,14 +325,21 @@ def read_contents(path: Path, store: MessageStore, inside: str = "") -> tuple[Co
     if selection := contents.manifest.get("selection"):
         raise LogError(f"{path}: is a selection of a run ({selection}): this needs the whole run")
     for channel in contents.channels.values():
-        ours = channel.topic in CLASSES and store.schema_text(channel.type_name)
-        if ours and ours != channel.definition:
+        if not is_as_here(channel, store):
             raise HippomatError(
                 f"{path}: {channel.type_name} has other fields in this log, recorded by hippomat "
                 f"{contents.manifest.get('hippomat', '?')}: read it with that version"
             )
     _check_policy(path, contents)
     return contents, records
+
+
+def is_as_here(channel: ChannelSpec, store: MessageStore) -> bool:
+    """Are its records what this version would have written? What it does not know is no record of a run."""
+    if channel.topic not in CLASSES:
+        return True
+    name = type_name(CLASSES[channel.topic])
+    return (channel.type_name, channel.definition) == (name, store.schema_text(name))
 
 
 def _check_policy(path: Path, contents: Contents) -> None:

@@ -79,7 +79,7 @@ def check_frame(data: memoryview, name: str) -> tuple[int, int]:
 
 def _messages_promised(data: memoryview, start: int, end: int, missing: LogError) -> int:
     for opcode, body, _ in records(data, start, end):
-        if opcode == STATISTICS:
+        if opcode == STATISTICS and len(body) >= 8:
             return int(struct.unpack_from("<Q", body)[0])
     raise missing
 
@@ -103,6 +103,6 @@ def fused_runs(data: memoryview) -> tuple[str, ...]:
         if [opcode for opcode, _ in first] != [HEADER, METADATA]:
             return ()
         name, facts = metadata_of(first[1][1], 0)
-    except (LogError, struct.error, UnicodeDecodeError):
+    except LogError:
         return ()
     return tuple(facts.get("runs", "").split()) if name == FUSED_METADATA else ()

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import zstandard
 
 from hippomat_core.errors import LogError
+from hippomat_logs.facts import check_facts
 from hippomat_logs.mcap_writer import (
     ATTACHMENT,
     CHANNEL,
@@ -44,6 +45,8 @@ MAX_CHUNK_BYTES = 64 << 20
 SLICE_BYTES = 16 << 20  # of a file, in memory at once
 PREFIX = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode and length in front
+_UINT16, _UINT32, _UINT64, _TWO_UINT16 = map(struct.Struct, ("<H", "<I", "<Q", "<HH"))
+_CHUNK_SIZES = struct.Struct("<QII")  # uncompressed size, checksum, length of the compression's name
 
 
 class RawMessage(NamedTuple):
@@ -134,7 +137,7 @@ def record(
     elif opcode == ATTACHMENT:
         _attachment(body, at, contents)
     elif opcode == MESSAGE_INDEX:
-        if len(body) < 6 or struct.unpack_from("<I", body, 2)[0] != len(body) - 6:
+        if len(body) < 6 or unpacked(_UINT32, body, 2)[0] != len(body) - 6:
             raise LogError(f"message index at byte {at} has an impossible length")
     elif opcode == HEADER:
         if string_of(body, string_of(body, 0)[1])[1] != len(body):
@@ -148,20 +151,31 @@ def inflated(body: memoryview, at: int) -> bytes:
     """Uncompressed records of a chunk, checked."""
     try:
         size, crc, compressed = chunk_head(body)
-        stored = struct.unpack_from("<Q", body, compressed - 8)[0]
+        stored = unpacked(_UINT64, body, compressed - 8)[0]
         if stored != len(body) - compressed or size > MAX_CHUNK_BYTES:
             raise LogError("impossible sizes")
-        inside = zstandard.ZstdDecompressor().decompress(bytes(body[compressed:]), max_output_size=size)
+        inside = zstd_frame(bytes(body[compressed:]), size)
         if len(inside) != size or zlib.crc32(inside) != crc:
             raise LogError("wrong checksum")
         return inside
-    except (LogError, struct.error, zstandard.ZstdError) as error:
+    except (LogError, zstandard.ZstdError) as error:
         raise LogError(f"chunk at byte {at}: {error}") from None
+
+
+def zstd_frame(data: bytes, size: int) -> bytes:
+    """The contents of a zstd frame, which must not be more than `size`.
+
+    max_output_size alone bounds nothing: a size that the frame itself states wins, and is allocated at once.
+    """
+    stated = zstandard.frame_content_size(data)
+    if stated not in (-1, size):
+        raise LogError(f"its zstd frame states {stated} bytes, its chunk {size}")
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
 
 
 def chunk_head(body: memoryview) -> tuple[int, int, int]:
     """(uncompressed size, checksum, offset of the compressed bytes)."""
-    size, crc, length = struct.unpack_from("<QII", body, 16)
+    size, crc, length = unpacked(_CHUNK_SIZES, body, 16)
     if bytes(body[32 : 32 + length]) != b"zstd":
         raise LogError("not compressed with zstd")
     return size, crc, 32 + length + 8
@@ -230,15 +244,26 @@ def _take_expected(channel: int, contents: Contents) -> None:
     contents.channels.update(expected)
 
 
+def unpacked(layout: struct.Struct, body: memoryview, at: int) -> tuple[int, ...]:
+    """Numbers at `at`; LogError where the record ends before."""
+    if at + layout.size > len(body):
+        raise LogError(f"record of {len(body)} bytes is too short")
+    return layout.unpack_from(body, at)
+
+
 def string_of(body: memoryview, at: int) -> tuple[str, int]:
-    (length,) = struct.unpack_from("<I", body, at)
+    (length,) = unpacked(_UINT32, body, at)
     if at + 4 + length > len(body):
         raise LogError("string is longer than its record")
-    return bytes(body[at + 4 : at + 4 + length]).decode(), at + 4 + length
+    text = bytes(body[at + 4 : at + 4 + length])
+    try:
+        return text.decode(), at + 4 + length
+    except UnicodeDecodeError:
+        raise LogError(f"string {text[:40]!r} is not UTF-8") from None
 
 
 def pairs_of(body: memoryview, at: int) -> dict[str, str]:
-    (length,) = struct.unpack_from("<I", body, at)
+    (length,) = unpacked(_UINT32, body, at)
     at, end = at + 4, at + 4 + length
     if end != len(body):
         raise LogError("key-value pairs are not as long as their record")
@@ -256,6 +281,7 @@ def metadata_of(body: memoryview, at: int) -> tuple[str, dict[str, str]]:
     crc = pairs.pop("crc32", None)
     if crc is not None and crc != facts_crc32(pairs):
         raise LogError(f"metadata {name} at byte {at}: wrong checksum")
+    check_facts(name, pairs)
     return name, pairs
 
 
@@ -273,10 +299,10 @@ def _attachment(body: memoryview, at: int, contents: Contents) -> None:
     try:
         name, behind = string_of(body, 16)
         _, behind = string_of(body, behind)
-        (length,) = struct.unpack_from("<Q", body, behind)
-        if length != len(body) - behind - 12 or zlib.crc32(body[:-4]) != struct.unpack("<I", body[-4:])[0]:
+        (length,) = unpacked(_UINT64, body, behind)
+        if length != len(body) - behind - 12 or zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
             raise LogError("wrong length or checksum")
-    except (LogError, struct.error, UnicodeDecodeError) as error:
+    except LogError as error:
         raise LogError(f"attachment at byte {at}: {error}") from None
     if (short := _own(name, contents.inside.strip("/"))) is not None:
         contents.attachments[short] = bytes(body[behind + 8 : -4])
@@ -290,16 +316,21 @@ def _own(name: str, inside: str) -> str | None:
 
 
 def _schema(body: memoryview, contents: Contents) -> None:
-    (number,) = struct.unpack_from("<H", body)
+    (number,) = unpacked(_UINT16, body, 0)
     name, at = string_of(body, 2)
     _, at = string_of(body, at)
+    (length,) = unpacked(_UINT32, body, at)
+    if at + 4 + length != len(body):
+        raise LogError(f"schema {name} is not as long as its record")
     contents.schemas[number] = name, bytes(body[at + 4 :])
 
 
 def _channel(body: memoryview, contents: Contents) -> None:
-    number, schema = struct.unpack_from("<HH", body)
+    number, schema = unpacked(_TWO_UINT16, body, 0)
     topic, at = string_of(body, 4)
     _, at = string_of(body, at)
+    if schema not in contents.schemas:
+        raise LogError(f"channel {topic} has schema {schema}, which no record before it describes")
     name, definition = contents.schemas[schema]
     if contents.inside:
         short = _own(topic, contents.inside)

@@ -65,8 +65,9 @@ def test_a_class_that_checks_or_computes_at_its_making_still_does() -> None:
 
 def test_a_class_without_slots_and_an_unknown_field() -> None:
     assert replace(WithoutSlots(), b=5) == WithoutSlots(1, 5)
-    with pytest.raises(AttributeError, match="'Plain' object has no attribute 'd'"):
-        replace(Plain(1), d=1)  # type: ignore[call-arg]
+    for known in (Plain(1), WithoutSlots()):
+        with pytest.raises(TypeError, match="unexpected keyword argument 'd'"):
+            replace(known, d=1)  # type: ignore[call-arg]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +82,14 @@ def test_a_maker_makes_what_the_class_makes_whatever_its_fields_are_called() -> 
     assert maker_of(Plain)(1, "x", (3,)) == Plain(1, "x", (3,))
     with pytest.raises(ValueError, match="a < 0"):
         maker_of(Checked)(-1)
+
+
+@dataclass(frozen=True, slots=True)
+class WithOwnInit:
+    a: int
+
+    def __init__(self, a: int) -> None:
+        object.__setattr__(self, "a", a + 1)
 
 
 @quickly_made
@@ -108,6 +117,16 @@ def test_values_stay_frozen_however_they_were_made() -> None:
 
 
 def test_a_class_that_does_more_than_take_its_fields_in_cannot_be_quickly_made() -> None:
-    for kind in (Checked, WithoutSlots, Derived):
+    for kind in (Checked, WithoutSlots, Derived, WithOwnInit):
         with pytest.raises(TypeError, match=f"{kind.__name__} cannot be made quickly"):
             quickly_made(kind)
+
+
+def test_a_class_that_writes_its_own_init_is_copied_and_made_through_it() -> None:
+    assert replace(WithOwnInit(1), a=4).a == dataclasses.replace(WithOwnInit(1), a=4).a == 5
+    assert maker_of(WithOwnInit)(1).a == 2
+
+
+def test_what_is_quickly_made_has_no_subclasses_that_would_become_their_base() -> None:
+    with pytest.raises(TypeError, match="Finer cannot inherit from Quick, which is quickly made"):
+        type("Finer", (Quick,), {"__slots__": ()})

@@ -151,8 +151,11 @@ def test_a_kind_is_told_by_bytes_and_not_by_the_name(files: Path, tmp_path: Path
     with writing(tmp_path / "b.mcap") as writer:
         writer.finish()
     assert kind_of(tmp_path / "b.mcap") is Kind.MCAP
-    for length in (1, 8, 40, 100):  # cut before its manifest
+    for length in (4, 8, 40, 100):  # cut before its manifest
         (tmp_path / "c.mcap").write_bytes(run.read_bytes()[:length])
         assert kind_of(tmp_path / "c.mcap") is Kind.OURS
+    for length in (1, 3):  # too little to be held for anything
+        (tmp_path / "c.mcap").write_bytes(run.read_bytes()[:length])
+        assert kind_of(tmp_path / "c.mcap") is Kind.OTHER
     (tmp_path / "umlaut.txt").write_bytes(("ü" * 300).encode()[:511])  # cut inside of a letter
     assert kind_of(tmp_path / "umlaut.txt") is Kind.TEXT
