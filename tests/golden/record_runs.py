@@ -189,14 +189,17 @@ def record(run: WithDaemons | InLockstep, made: Path) -> None:
         return
     config = made / "hippomat.toml"
     config.write_text(run.toml, encoding="utf-8")
-    if run.weights:
-        (made / WEIGHTS).write_bytes(run.weights)
-        os.chdir(made)  # a log keeps the path as configured: one that is the same on every recording
+    (made / WEIGHTS).write_bytes(run.weights)
     settings = RunSettings(
         DEMO_ROOM, made / "run", run.robots, run.tasks, run.seconds, run.loss, run.seed,
         config=config, slam=False, carried=run.carried,
     )  # fmt: skip
-    LockstepRun(settings, PlainView(Console()), run.leave_s).execute()
+    before = Path.cwd()
+    os.chdir(made)  # a log keeps the weights' path as configured: one that is the same on every recording
+    try:
+        LockstepRun(settings, PlainView(Console()), run.leave_s).execute()
+    finally:
+        os.chdir(before)
 
 
 if __name__ == "__main__":
