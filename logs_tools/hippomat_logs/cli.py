@@ -30,7 +30,7 @@ from hippomat_logs.commands import (
     select,
 )
 from hippomat_logs.outputs import RULE
-from hippomat_logs.recovery import recover
+from hippomat_logs.recovery import recover, unfinished
 from hippomat_logs.replay_arguments import Parser
 from hippomat_logs.report import REPRODUCED
 from hippomat_logs.terminal import Terminal
@@ -85,6 +85,9 @@ _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] 
 def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     try:
+        if options.command not in ("doctor", "recover"):  # which read it
+            for line in unfinished(getattr(options, "paths", ())):
+                Terminal(stderr=True).print(f"note: {line}", style="yellow", markup=False)
         return int(options.run(options, Terminal()))
     except HippomatError as error:
         Terminal(stderr=True).print(f"error: {error}", style="red", markup=False)
@@ -92,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         raise
     except OSError as error:
-        print(f"error: {error.filename or 'output'}: {error.strerror or error}", file=sys.stderr)
+        print(f"error: {error.filename or 'the results cannot be written'}: {error.strerror or error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("hippomat-logs: interrupted", file=sys.stderr)
@@ -115,7 +118,7 @@ def parser() -> Parser:
 
     for name, add_options, run, text in _COMMANDS:
         add_options(add(name, text, run))
-    rescue = add("recover", "make logs of what a dead daemon left (NAME.mcap.active)", _recover)
+    rescue = add("recover", "make logs of what a dead daemon left, and of damaged ones", _recover)
     rescue.add_argument("paths", nargs="+", type=Path, metavar="PATH", help="directories or files")
     return made
 

@@ -118,9 +118,9 @@ def _examine_ours(path: Path, found: Examination, told: Callable[[float], None])
     with mapped(path) as data:
         if not path.name.endswith(ACTIVE):
             try:
-                check_frame(data, path.name)
+                check_frame(data, str(path))
             except LogError as error:
-                found.add(DAMAGE, str(error).removeprefix(f"{path.name}: "))
+                found.add(DAMAGE, str(error).removeprefix(f"{path}: "))
         raws = _telling(walk_leniently(data, contents), lambda: contents.complete_bytes / len(data), told)
         _examine_records(raws, contents, store, found)
     for line in contents.damage:

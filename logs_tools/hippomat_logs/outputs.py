@@ -8,7 +8,8 @@ that is asked for is made.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from hippomat_core.errors import HippomatError
@@ -54,3 +55,14 @@ def _refuse_nowhere(path: Path) -> None:
         raise HippomatError(f"{path}: there is no directory {path.parent}; make it first")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise HippomatError(f"{path}: nothing may be written in {path.parent}; choose another place")
+
+
+@contextmanager
+def appearing(path: Path) -> Iterator[Path]:
+    """A file to write to that takes the place of `path` when all of it is written; else nothing changes."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        yield beside
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)

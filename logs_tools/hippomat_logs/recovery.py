@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import fcntl
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.file_kinds import refuse_foreign, refuse_missing
 from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.part import RECOVERY_METADATA, PartWriter, our_channels
-from hippomat_logs.reader import mapped, read_raw, reading_store
+from hippomat_logs.reader import mapped, read_raw, reading_store, runs_inside
 from hippomat_logs.records import DropRecord
 from hippomat_logs.schema import CLASSES, TOPICS, MessageStore
 from hippomat_logs.sink import ACTIVE, FileSink, sync_directory
@@ -45,11 +45,37 @@ def recover(path: Path | str) -> list[str]:
     refuse_missing(path)
     if path.is_dir():  # however deep: wherever the other commands look for logs
         directories = sorted({path, *(left.parent for left in path.rglob(f"*.mcap{ACTIVE}"))})
-        return [line for directory in directories for line in recover_directory(directory)]
+        lines = [line for directory in directories for line in recover_directory(directory)]
+        return lines + _recover_damaged(path)
     refuse_foreign(path)
     if path.name.endswith(ACTIVE):
         return [recover_active(path, reading_store())]
     return [_recover_finished(path, reading_store())]
+
+
+def _recover_damaged(directory: Path) -> list[str]:
+    """The finished logs in it that are ours and not whole; whole ones are not worth a line."""
+    lines: list[str] = []
+    for path in sorted(directory.rglob("*.mcap")):
+        try:
+            refuse_foreign(path)
+            line = "" if runs_inside(path) else _recover_finished(path, reading_store())
+        except HippomatError as error:  # nothing can be made of it: the line says why
+            line = str(error) if isinstance(error, LogError) else ""
+        if line and not line.endswith("nothing to do"):
+            lines.append(line)
+    return lines
+
+
+def unfinished(paths: Iterable[Path]) -> list[str]:
+    """A line for each log in these directories that was never finished: no other command reads it."""
+    lines: list[str] = []
+    for left in sorted({left for path in paths if path.is_dir() for left in path.rglob(f"*.mcap{ACTIVE}")}):
+        with _owned(left) as fd:
+            state = "is being recorded" if fd is None else "was never finished"
+        remedy = "" if fd is None else f": `hippomat-logs recover {left.parent}` makes a log of it"
+        lines.append(f"{left} {state}, and is left out{remedy}")
+    return lines
 
 
 def recover_active(path: Path, store: MessageStore) -> str:
@@ -76,20 +102,31 @@ def recover_active(path: Path, store: MessageStore) -> str:
 
 
 def _recover_finished(path: Path, store: MessageStore) -> str:
+    """Of a damaged log the recovered one takes the name, so that all that reads the directory finds it."""
+    if runs_inside(path):
+        raise HippomatError(f"{path}: is a fused file: recover the robots' own logs, and fuse them again")
     try:
         for _ in read_raw(path, Contents()):
             pass
     except LogError:
-        name = path.name.removesuffix(".mcap") + ".recovered.mcap"
-        if (path.parent / name).exists():
-            raise HippomatError(f"{path.parent / name} exists already; move it away first") from None
-        kept, contents = _rewrite(path, name, store)
-        if not contents.manifest:
-            raise LogError(
-                f"{path}: holds no run manifest of ours that could be read, so nothing was made of it"
-            ) from None
-        return f"{name}: {kept} records of {path.name} kept; {_shown(contents) or 'all chunks whole'}"
+        return _replaced(path, store)
     return f"{path.name}: whole, nothing to do"
+
+
+def _replaced(path: Path, store: MessageStore) -> str:
+    original = path.with_name(path.name + DAMAGED)
+    recovered = path.with_name(path.name.removesuffix(".mcap") + ".recovered.mcap")
+    for one in (original, recovered):
+        if one.exists():
+            raise HippomatError(f"{one} exists already; move it away first")
+    kept, contents = _rewrite(path, recovered.name, store)
+    if not contents.manifest:
+        raise LogError(f"{path}: holds no run manifest of ours that can be read, so nothing was made of it")
+    path.rename(original)
+    recovered.rename(path)
+    sync_directory(path.parent)
+    what = _shown(contents) or "all chunks whole"
+    return f"{path.name}: recovered, {kept} records kept; {what}; original in {original.name}"
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from hippomat_logs.reader import open_runs
 from hippomat_logs.replay_arguments import check, parser, replay_options
 from hippomat_logs.replay_pool import replay_all
 from hippomat_logs.replay_show import say_error, show
+from hippomat_logs.recovery import unfinished
 from hippomat_logs.report import TOOL_ERROR, overall_exit_code
 from hippomat_logs.serve import serve
 from hippomat_logs.terminal import Terminal
@@ -32,6 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return update_golden(options.logs, *accepted, console)
         if options.clip and options.at is not None:
             return cut_window(options.logs, options.clip, options.at, console)
+        for line in unfinished(options.logs):
+            Terminal(stderr=True).print(f"note: {line}", style="yellow", markup=False)
         runs = open_runs(options.logs)
         if options.serve:
             return serve(runs, console, options.speed, options.step)

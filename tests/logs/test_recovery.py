@@ -12,11 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fused_lab import write_fleet
 from log_samples import START_NS, new_recorder
 from recorded_run import RecordedRun, record_run
 
 from hippomat_core import messages as m
 from hippomat_core.errors import HippomatError
+from hippomat_logs.cli import main as logs
 from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.reader import mapped, open_runs, read_records
 from hippomat_logs.recovery import recover, recover_directory
@@ -173,7 +175,7 @@ def test_garbage_and_empty_files_are_named_not_raised(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["b.mcap.damaged"]
 
 
-def test_a_damaged_finished_log_is_rewritten_beside_itself(tmp_path: Path) -> None:
+def test_a_damaged_finished_log_gives_its_name_to_the_recovered_one(tmp_path: Path) -> None:
     record_run(tmp_path, ticks=20)
     (path,) = tmp_path.glob("*.mcap")
     data = bytearray(path.read_bytes())
@@ -181,11 +183,43 @@ def test_a_damaged_finished_log_is_rewritten_beside_itself(tmp_path: Path) -> No
     path.write_bytes(data)
     (line,) = recover(path)
     assert "kept" in line
-    recovered = path.with_name(path.name.replace(".mcap", ".recovered.mcap"))
-    assert sum(1 for _ in read_records(recovered)) > 100
-    assert "whole, nothing to do" in recover(recovered)[0]
-    with pytest.raises(HippomatError, match="exists already"):
+    original = path.with_name(path.name + ".damaged")
+    assert original.read_bytes() == data
+    assert sum(1 for _ in read_records(path)) > 100
+    assert "whole, nothing to do" in recover(path)[0]
+    assert recover(tmp_path) == []
+    path.write_bytes(data)
+    with pytest.raises(HippomatError, match=r"damaged exists already"):
         recover(path)
+
+
+def test_a_directory_is_recovered_damaged_logs_included_and_is_then_read_by_all(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for robot in ("robot0", "robot1", "robot2"):
+        record_run(tmp_path / robot, ticks=20)
+    (flipped,) = (tmp_path / "robot0").glob("*.mcap")
+    data = bytearray(flipped.read_bytes())
+    data[-40] ^= 1
+    flipped.write_bytes(data)
+    (left,) = (tmp_path / "robot1").glob("*.mcap")
+    left.rename(left.with_name(left.name + ".active"))
+    (tmp_path / "theirs.mcap").write_bytes(b"\x89MCAP0\r\n of somebody else")
+    assert logs(["info", str(tmp_path)]) == 3
+    assert "was never finished, and is left out: `hippomat-logs recover" in capsys.readouterr().err
+    lines = recover(tmp_path)
+    assert sorted("recovered" in line for line in lines) == [True, True]
+    for robot in ("robot0", "robot1", "robot2"):
+        (path,) = (tmp_path / robot).glob("*.mcap")
+        assert sum(1 for _ in read_records(path)) > 100
+
+
+def test_a_fused_file_is_not_recovered_but_its_parts(tmp_path: Path) -> None:
+    write_fleet(tmp_path / "runs", seconds=1.0)
+    assert logs(["fuse", str(tmp_path / "runs"), "-o", str(tmp_path / "fleet.mcap")]) == 0
+    with pytest.raises(HippomatError, match="recover the robots' own logs, and fuse them again"):
+        recover(tmp_path / "fleet.mcap")
+    assert recover(tmp_path) == []
 
 
 @pytest.mark.parametrize("block", [0, 1])

@@ -10,6 +10,7 @@ from recorded_run import record_run
 
 from hippomat_logs import cli, replay_cli
 from hippomat_logs.log_writer import whole_file
+from hippomat_logs.outputs import appearing
 
 DATA = {
     "filter": ["filter", "{log}", "-o", "{out}.mcap"],
@@ -173,6 +174,18 @@ def test_two_that_write_the_same_name_do_not_write_into_one_file(tmp_path: Path)
     first.__exit__(None, None, None)
     assert (tmp_path / "x.mcap").read_bytes() == b"whole"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["x.mcap", precious.name]
+
+
+def test_a_page_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) -> None:
+    page = tmp_path / "r.html"
+    page.write_text("yesterday's")
+    with pytest.raises(OSError, match="full"), appearing(page) as beside:
+        beside.write_text("half")
+        raise OSError("full")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("r.html", "yesterday's")]
+    with appearing(page) as beside:
+        beside.write_text("today's")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("r.html", "today's")]
 
 
 def test_a_file_that_somebody_else_has_made_meanwhile_is_not_overwritten(tmp_path: Path) -> None:

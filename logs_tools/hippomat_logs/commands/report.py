@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from hippomat_logs.outputs import refuse_undrawable
+from hippomat_logs.outputs import appearing, refuse_undrawable
 from hippomat_logs.part import package_version
 from hippomat_logs.report import DAMAGED, REPRODUCED
 from hippomat_logs.report_html.building import build
@@ -36,7 +36,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     needs_bokeh()
     data, whole = build(options.paths, options.trust_clocks)
     text = render(data, package_version())
-    out.write_text(text, encoding="utf-8")
+    with appearing(out) as beside:
+        beside.write_text(text, encoding="utf-8")
     size = f"{len(text.encode()) / 2**20:.1f} MiB"
     console.print(f"{out}: {data.title}, {data.span_s:.1f} s, {size}", markup=False)
     for line in data.warnings:

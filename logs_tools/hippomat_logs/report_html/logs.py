@@ -13,7 +13,7 @@ from pathlib import Path
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_core.messages import Started
 from hippomat_logs.copies import each_part_once
-from hippomat_logs.file_kinds import refuse_foreign
+from hippomat_logs.file_kinds import Kind, kind_of, refuse_foreign
 from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.metrics import KINDS as METRICS_KINDS
 from hippomat_logs.metrics import MetricsReading, RobotMetrics
@@ -69,6 +69,8 @@ def find_logs(paths: Sequence[Path]) -> list[FoundLog]:
     """The logs of one run of one fleet, by robot. HippomatError where the files hold anything else."""
     groups: dict[tuple[int, str, str], list[tuple[int, Path, dict[str, str]]]] = {}
     for path in distinct_logs(paths):
+        if path not in paths and kind_of(path) not in (Kind.OURS, Kind.EMPTY):
+            continue  # somebody else's, which lies beside ours
         refuse_foreign(path)
         for inside in runs_inside(path) or ("",):
             manifest = _manifest(path, inside)
@@ -80,6 +82,8 @@ def find_logs(paths: Sequence[Path]) -> list[FoundLog]:
         log = FoundLog(tuple(path for _, path, _ in parts), parts[0][2], inside)
         logs.setdefault((robot, session), log)
     found = list(logs.values())
+    if not found:
+        raise HippomatError(f"{', '.join(map(str, paths))}: no log of a hippomat daemon is there")
     _check_one_run(found)
     return found
 
