@@ -95,7 +95,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         raise
     except OSError as error:
-        print(f"error: {error.filename or 'the results cannot be written'}: {error.strerror or error}", file=sys.stderr)
+        print(
+            f"error: {error.filename or 'the results cannot be written'}: {error.strerror or error}",
+            file=sys.stderr,
+        )
         return 1
     except KeyboardInterrupt:
         print("hippomat-logs: interrupted", file=sys.stderr)

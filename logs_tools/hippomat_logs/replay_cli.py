@@ -14,10 +14,10 @@ from hippomat_logs.clip_command import clip, cut_window
 from hippomat_logs.closed_loop import command as closed_loop
 from hippomat_logs.golden_command import update_golden
 from hippomat_logs.reader import open_runs
+from hippomat_logs.recovery import unfinished
 from hippomat_logs.replay_arguments import check, parser, replay_options
 from hippomat_logs.replay_pool import replay_all
 from hippomat_logs.replay_show import say_error, show
-from hippomat_logs.recovery import unfinished
 from hippomat_logs.report import TOOL_ERROR, overall_exit_code
 from hippomat_logs.serve import serve
 from hippomat_logs.terminal import Terminal

@@ -64,7 +64,6 @@ def holed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data[chunks[len(chunks) // 2].chunk_start_offset + 200] ^= 0x10
     broken.write_bytes(data)
     recover(broken)
-    broken.unlink()
     return directory
 
 

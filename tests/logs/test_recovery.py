@@ -208,7 +208,7 @@ def test_a_directory_is_recovered_damaged_logs_included_and_is_then_read_by_all(
     assert logs(["info", str(tmp_path)]) == 3
     assert "was never finished, and is left out: `hippomat-logs recover" in capsys.readouterr().err
     lines = recover(tmp_path)
-    assert sorted("recovered" in line for line in lines) == [True, True]
+    assert len([line for line in lines if "recovered" in line]) == len(lines) == 2, lines
     for robot in ("robot0", "robot1", "robot2"):
         (path,) = (tmp_path / robot).glob("*.mcap")
         assert sum(1 for _ in read_records(path)) > 100
