@@ -335,4 +335,7 @@ def _channel(body: memoryview, contents: Contents) -> None:
     if contents.inside:
         short = _own(topic, contents.inside)
         topic = "" if short is None else "/" + short
-    contents.channels[number] = ChannelSpec(topic, name, definition, tuple(pairs_of(body, at).items()))
+    spec = ChannelSpec(topic, name, definition, tuple(pairs_of(body, at).items()))
+    if contents.channels.get(number, spec) != spec:
+        raise LogError(f"channel {number} ({topic}) is described twice, and differently")
+    contents.channels[number] = spec

@@ -23,7 +23,7 @@ from hippomat_logs.sink import FaultyDisk, FullDiskSink, Sink, file_sinks
 
 STORE = MessageStore()
 TICK = TOPICS[m.Tick]
-MANIFEST = run_manifest(CONFIG, session_id="5e551011")
+MANIFEST = {**run_manifest(CONFIG, session_id="5e551011"), "wall_offset_ns": "0"}
 PART_BYTES = 600  # a few flushes
 
 
