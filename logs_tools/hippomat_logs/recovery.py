@@ -157,13 +157,15 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
     recovering.unlink(missing_ok=True)  # of a recovery that was itself killed
     contents, kept = lenient_contents(store), 0
     writer: PartWriter | None = None
+    topics: set[str] = set()
 
     def opened() -> PartWriter:
         facts = {**contents.manifest, "recovered": "yes"}
         sink = FileSink(path.parent, name, RECOVERING)
         channels = list(contents.channels.values())
-        if TOPICS[DropRecord] not in {channel.topic for channel in channels}:
-            channels += [one for one in our_channels(store) if one.topic == TOPICS[DropRecord]]
+        known = {channel.topic for channel in channels}  # others may be described later in the file
+        channels += [one for one in our_channels(store) if one.topic not in known]
+        topics.update(channel.topic for channel in channels)
         return PartWriter(sink, facts, channels, contents.attachments)
 
     with mapped(path) as data:
@@ -172,6 +174,11 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
                 if not contents.manifest:  # it stands before all records: nobody could say whose these are
                     break
                 writer = writer or opened()
+                if raw.topic not in topics:
+                    contents.damage.append(
+                        f"message {raw.number} is on {raw.topic}, which no log of ours has"
+                    )
+                    continue
                 writer.add(raw.topic, raw.number, raw.log_time_ns, raw.data)
                 kept += raw.topic in CLASSES
             if writer is None and contents.manifest:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from fused_lab import write_fleet
 from log_samples import START_NS, new_recorder
+from mcap.writer import Writer
 from recorded_run import RecordedRun, record_run
 
 from hippomat_core import messages as m
@@ -204,7 +205,10 @@ def test_a_directory_is_recovered_damaged_logs_included_and_is_then_read_by_all(
     flipped.write_bytes(data)
     (left,) = (tmp_path / "robot1").glob("*.mcap")
     left.rename(left.with_name(left.name + ".active"))
-    (tmp_path / "theirs.mcap").write_bytes(b"\x89MCAP0\r\n of somebody else")
+    with (tmp_path / "theirs.mcap").open("wb") as theirs:
+        writer = Writer(theirs)
+        writer.start("ros2", "somebody else")
+        writer.finish()
     assert logs(["info", str(tmp_path)]) == 3
     assert "was never finished, and is left out: `hippomat-logs recover" in capsys.readouterr().err
     lines = recover(tmp_path)
