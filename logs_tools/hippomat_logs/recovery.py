@@ -59,11 +59,12 @@ def _recover_damaged(directory: Path) -> list[str]:
     for path in sorted(directory.rglob("*.mcap")):
         try:
             refuse_foreign(path)
-            line = "" if runs_inside(path) else _recover_finished(path, reading_store())
-        except HippomatError as error:  # nothing can be made of it: the line says why
-            line = str(error) if isinstance(error, LogError) else ""
-        if line and not line.endswith("nothing to do"):
-            lines.append(line)
+            if not runs_inside(path) and not _is_whole(path):
+                lines.append(_replaced(path, reading_store()))
+        except LogError as error:  # nothing can be made of it: the line says why
+            lines.append(str(error))
+        except HippomatError:
+            continue  # not ours, or its original was set aside before
     return lines
 
 
@@ -105,12 +106,18 @@ def _recover_finished(path: Path, store: MessageStore) -> str:
     """Of a damaged log the recovered one takes the name, so that all that reads the directory finds it."""
     if runs_inside(path):
         raise HippomatError(f"{path}: is a fused file: recover the robots' own logs, and fuse them again")
+    if _is_whole(path):
+        return f"{path.name}: whole, nothing to do"
+    return _replaced(path, store)
+
+
+def _is_whole(path: Path) -> bool:
     try:
         for _ in read_raw(path, Contents()):
             pass
     except LogError:
-        return _replaced(path, store)
-    return f"{path.name}: whole, nothing to do"
+        return False
+    return True
 
 
 def _replaced(path: Path, store: MessageStore) -> str:
