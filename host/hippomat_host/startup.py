@@ -42,7 +42,7 @@ from hippomat_logs.manifest import new_session_id, run_manifest
 from hippomat_logs.map_files import map_attachments
 from hippomat_logs.map_sources import map_from
 from hippomat_logs.policy_files import policy_name, policy_of
-from hippomat_logs.recorder import Recorder
+from hippomat_logs.recorder import Recorder, bound_interpreter_wait
 from hippomat_logs.recovery import recover_directory
 
 
@@ -72,6 +72,7 @@ def run(config: Config, given: Given, lockstep: str | None) -> int:
     if config.slam.mode == "map":
         prepare_mapper(partial(print, flush=True))
     prepare_planner(config.planning, partial(print, flush=True))
+    bound_interpreter_wait()
     links = make_links(config, given)
     try:
         with StopSignal() as stop, closing_all(links):

@@ -95,11 +95,13 @@ class DerivedTopics:
         return ()
 
     def _pose(self, pose: m.PoseEstimated, t: int) -> Iterable[tuple[str, bytes]]:
-        stamp, in_odom = divmod(t, 10**9), self._odom
-        map_to_odom = _compose((pose.x_m, pose.y_m, pose.yaw_rad), _inverse(in_odom))
-        links = (*stamp, *_planar(map_to_odom), *stamp, *_planar(in_odom))
-        odometry = (*stamp, *_planar(in_odom), pose.v_mps, pose.wz_radps)
-        return ("/tf", self._tf.fill(*links)), ("/odom", self._odometry.fill(*odometry))
+        in_odom = (*divmod(t, 10**9), *_planar(self._odom))
+        map_to_odom = _compose((pose.x_m, pose.y_m, pose.yaw_rad), _inverse(self._odom))
+        links = (*in_odom[:2], *_planar(map_to_odom), *in_odom)
+        return (
+            ("/tf", self._tf.fill(*links)),
+            ("/odom", self._odometry.fill(*in_odom, pose.v_mps, pose.wz_radps)),
+        )
 
     def _new_odometry(self) -> Any:
         zero, still = np.zeros(36), self._xyz(0.0, 0.0, 0.0)

@@ -13,7 +13,6 @@ from typing import Any
 
 from hippomat_core.config import Config
 from hippomat_core.errors import HippomatError
-from hippomat_core.messages import Effect, Event
 from hippomat_logs.derived import DerivedTopics
 from hippomat_logs.parts import Encoded
 from hippomat_logs.recorder import SYNC_S
@@ -50,22 +49,16 @@ class DirectRecorder:
         self._series = series_of(opener, manifest, self._store, config, wall_ns, stamp_ns, carried)
         begin(self._series, self._derived, wall_ns, stamp_ns / 1e9)
 
-    def event(self, event: Event) -> None:
-        self._put(event.stamp_ns, event)
-
-    def effect(self, stamp_ns: int, effect: Effect) -> None:
-        self._put(stamp_ns, effect)
-
     def serial(self, stamp_ns: int, port: int, direction: int, phase: int, data: bytes) -> None:
         """Numbers as in recorder.Recorder."""
-        self._put(stamp_ns, SerialRecord(stamp_ns, port, direction, phase, zlib.crc32(data), data))
+        self.put(stamp_ns, SerialRecord(stamp_ns, port, direction, phase, zlib.crc32(data), data))
 
     def close(self) -> None:
         """Finish the file. Raises HippomatError where the disk did not take everything."""
         self._series.close(self._stamp_ns / 1e9, {"worst_sync_ms": "0", "shed": "0"})
         self._check()
 
-    def _put(self, stamp_ns: int, record: Any) -> None:
+    def put(self, stamp_ns: int, record: Any) -> None:
         self._number, self._stamp_ns = self._number + 1, stamp_ns
         now_s, log_time_ns = stamp_ns / 1e9, stamp_ns + self._offset_ns
         topic, encode = self._encoders[type(record)]

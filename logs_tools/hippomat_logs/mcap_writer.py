@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from array import array
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Protocol
@@ -21,6 +22,7 @@ DATA_END = 15
 LEVEL = 1  # of zstd: a third faster than its usual 3, files a few per cent larger
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")
+_INDEX = struct.Struct("<BQHI")
 _MESSAGE_FIELDS = 22  # bytes between a message's length and its data
 
 
@@ -161,12 +163,13 @@ class McapWriter:
         behind = at + length
         for channel, index in self._index.items():
             self._counts[channel] += len(index) // 2
-            body = struct.pack("<HI", channel, 8 * len(index)) + struct.pack(f"<{len(index)}Q", *index)
+            entries = array("Q", index).tobytes()
+            size = len(entries)
             where += (channel, behind)
-            records.append(_record(MESSAGE_INDEX, body))
-            behind += len(records[-1])
+            records += (_INDEX.pack(MESSAGE_INDEX, 6 + size, channel, size), entries)
+            behind += _INDEX.size + size
         self._put(b"".join(records))
-        count = len(records)
+        count = len(self._index)
         offsets = struct.pack("<I", 10 * count) + struct.pack("<" + count * "HQ", *where)
         entry = struct.pack("<QQQQ", *times, at, length) + offsets
         entry += struct.pack("<Q", behind - at - length) + _text("zstd") + struct.pack("<QQ", *sizes)

@@ -144,10 +144,12 @@ class PartSeries:
     # ---- inside ----
 
     def _note(self, records: Sequence[Encoded]) -> None:
-        for record in records:
+        for record in reversed(records):
             if not record.derived:
                 self._last_number, self._last_time_ns = record.number, record.log_time_ns
-            elif record.topic in LATCHED:
+                break
+        for record in records:
+            if record.topic in LATCHED:  # only views are
                 self._latched[record.topic] = record
 
     def _write(self, record: Encoded) -> None:

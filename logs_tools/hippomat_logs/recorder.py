@@ -1,42 +1,46 @@
 """Record one run without ever holding up the robot: the caller only appends to a bounded queue.
 
-Decides record numbers, the queue, and when chunks reach the disk; one writer thread encodes and writes.
-Where time or room runs out, bulk goes first; what is left out is counted and named by a drop record.
+Decides when chunks reach the disk; one writer thread encodes and writes. Where room on the disk runs out,
+bulk goes first; what is left out is counted and named by a drop record.
 Knows records and time stamps, not what they mean.
 """
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
-import zlib
-from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from hippomat_core.config import Config
-from hippomat_core.messages import LIDAR, Effect, Event
 from hippomat_logs.derived import DerivedTopics
 from hippomat_logs.disk_space import NO_BULK, NO_VIEWS, DiskWatch, FreeBytes, check_forecast, free_bytes
 from hippomat_logs.parts import Encoded
-from hippomat_logs.records import DropRecord, ProcessRecord, SerialRecord, TimingRecord, is_bulk
+from hippomat_logs.record_queue import RecordQueue, kind_of, may_go
+from hippomat_logs.records import DropRecord, ProcessRecord, TimingRecord
 from hippomat_logs.recovery import recover_directory
 from hippomat_logs.run_series import attachments, begin, series_of
 from hippomat_logs.schema import TOPICS, MessageStore
 from hippomat_logs.sink import SinkOpener, file_sinks
 
-SYNC_S = 0.35  # a plug that is pulled costs so much and one sync: 0.5 s on a disk that takes 0.15 s for it
+SYNC_S = 0.4  # a plug that is pulled costs so much and one sync: 0.5 s on a disk that takes 0.1 s for it
 LOSSLESS_WAKE_S = 0.01  # somebody may be waiting for room in the queue; otherwise the writer wakes to sync
 QUEUE_RECORDS = 8192
-BATCH_RECORDS = 40  # encoded in one go: the control loop's thread must not wait long for the interpreter
-YIELD_S = 1e-4
+BATCH_RECORDS = 400  # on their way to the file at once
+SWITCH_S = 1e-4
 _LAST_NS = 2**63 - 1  # the latest log time that every reader takes
-_FULL = "queue full: the disk was too slow"
-_FILLING = "queue half full: bulk was shed"
+_new = tuple.__new__  # of a NamedTuple: its own constructor takes five times as long
 _LOW = "disk low: bulk was shed"
+
+
+def bound_interpreter_wait() -> None:
+    """Call once in a process with a control loop: it then waits so long at most for the interpreter that the
+    writer's thread holds, not Python's usual 5 ms. Holds for every thread of the process."""
+    sys.setswitchinterval(SWITCH_S)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,22 +54,11 @@ class RecorderStatus:
     shed: int = 0
 
 
-class _Moved(NamedTuple):
-    """A SerialRecord whose checksum is taken in the writer's thread."""
-
-    stamp_ns: int
-    port: int
-    direction: int
-    phase: int
-    data: bytes
-
-    @property
-    def crc32(self) -> int:
-        return zlib.crc32(self.data)
-
-
 class Recorder:
     """Calls come from one thread, in the order that the record numbers shall have.
+
+    put(stamp_ns, record): an event, an effect or a record of the log's own. serial(stamp_ns, port, direction,
+    phase, data): bytes that one read or write moved, see records.SerialRecord.
 
     manifest: see manifest.run_manifest. wall_ns and stamp_ns are read together; log times are the wall clock
     that results, so they never step.
@@ -90,7 +83,6 @@ class Recorder:
         files: Mapping[str, bytes] | None = None,
         free: FreeBytes | None = None,
     ) -> None:
-        self._offset_ns = wall_ns - stamp_ns
         self._directory = Path(directory)
         opener = open_sink or file_sinks(self._directory)
         free = free or partial(free_bytes, self._directory)
@@ -99,18 +91,16 @@ class Recorder:
         self._disk = DiskWatch(config.log.low_mib, free)
         self._store = MessageStore()
         self._store.warm_up()
-        self._encoders = self._store.encoders()
-        self._encoders[_Moved] = self._encoders[SerialRecord]  # has the same attributes
+        self._encoders, self._row_encoders = self._store.encoders(), self._store.row_encoders()
         self._derived = DerivedTopics(self._store, config)
         self._drawn = self._derived.kinds
-        self._next = 1
-        self._last_ns = wall_ns  # log time of the last record: of a drop record too, whatever the clock does
-        self._queue: deque[tuple[int, int, Any]] = deque()
-        self._limit, self._half = queue_records, queue_records // 2
         self._lossless = lossless
-        self._dropping: tuple[int, str] | None = None  # first of the records that found no room, and why
-        self._dropped = self._unfit = 0  # each counted by one thread
-        self._shed_queue = self._shed_disk = 0  # likewise
+        self._queue = RecordQueue(
+            queue_records, wall_ns - stamp_ns, wall_ns, self._takes if lossless else None
+        )
+        # what the control loop calls hundreds of times a second goes there without a detour
+        self.put, self.serial = self._queue.put, self._queue.serial
+        self._unfit = self._shed = 0
         self._gap: DropRecord | None = None  # what the writer sheds just now
         self._ready: list[Encoded] = []  # a batch on its way to the file
         self._level = self._disk.level()
@@ -124,82 +114,35 @@ class Recorder:
         self._thread = threading.Thread(target=self._write_until_closed, name="recorder", daemon=True)
         self._thread.start()
 
-    def event(self, event: Event) -> None:
-        self._put(event.stamp_ns, event)
-
-    def effect(self, stamp_ns: int, effect: Effect) -> None:
-        self._put(stamp_ns, effect)
-
-    def serial(self, stamp_ns: int, port: int, direction: int, phase: int, data: bytes) -> None:
-        """port: messages.RADIO...; direction 0 from, 1 to the device; phase 0 identification, 1 running."""
-        self._put(stamp_ns, (_Moved, stamp_ns, port, direction, phase, bytes(data)))
-
     def timing(self, stamp_ns: int, compute_ns: int, lag_ns: int) -> None:
-        self._put(stamp_ns, (TimingRecord, stamp_ns, compute_ns, max(0, lag_ns)))
+        self._queue.put(stamp_ns, (TimingRecord, stamp_ns, compute_ns, max(0, lag_ns)))
 
     def process(self, stamp_ns: int, real_ns: int, cpu_ns: int, peak_memory_kib: int) -> None:
-        self._put(stamp_ns, ProcessRecord(stamp_ns, real_ns, cpu_ns, peak_memory_kib))
+        self._queue.put(stamp_ns, ProcessRecord(stamp_ns, real_ns, cpu_ns, peak_memory_kib))
 
     def status(self) -> RecorderStatus:
-        lost = self._dropped + self._unfit + self._series.lost_records
+        lost = self._queue.dropped + self._unfit + self._series.lost_records
         if self._ended:  # nobody takes any more out of the queue
-            lost += sum(type(record) is not DropRecord for _, _, record in tuple(self._queue))
+            lost += self._queue.left()
         problem = self._series.problem or self._fault or self._disk.problem
-        if not problem and self._dropping is not None:
-            problem = f"the log's {self._dropping[1]}"
+        if not problem and (cause := self._queue.drops_for):
+            problem = f"the log's {cause}"
         problem = problem or self._series.warning
-        shed = self._shed_queue + self._shed_disk
-        return RecorderStatus(self._next - 1, lost, problem, self._series.name, shed)
+        return RecorderStatus(
+            self._queue.numbered, lost, problem, self._series.name, self._queue.shed + self._shed
+        )
 
     def close(self, timeout_s: float = 10.0) -> RecorderStatus:
         """Write what is queued and finish the file. A disk that hangs is given `timeout_s`."""
-        self._end_drop(self._next)
+        self._queue.end()
         self._closing.set()
         self._thread.join(timeout_s)
         return self.status()
 
-    # ---- caller's thread ----
-
-    def _put(self, stamp_ns: int, record: Any) -> None:
-        """record: a message, or the kind of one and its fields: making it then is the writer's work."""
-        number = self._next
-        self._next = number + 1
-        if self._dropping is not None or len(self._queue) >= self._half:
-            if not self._takes(number, record):
-                return
-            self._end_drop(number)
-        self._last_ns = stamp_ns + self._offset_ns
-        self._queue.append((number, self._last_ns, record))
-
-    def _takes(self, number: int, record: Any) -> bool:
-        """Is there room in a queue that is half full or more? If not, the record is counted."""
-        waiting = len(self._queue)
-        if self._lossless:
-            while len(self._queue) >= self._limit and self._thread.is_alive() and not self._ended:
-                time.sleep(0.002)
-        elif waiting >= self._limit:
-            self._dropped += 1
-            self._drop(number, _FULL)
-            return False
-        elif waiting >= self._half and _may_go(record):
-            self._shed_queue += 1
-            self._drop(number, _FILLING)
-            return False
-        return True
-
-    def _drop(self, number: int, cause: str) -> None:
-        if self._dropping is not None and self._dropping[1] != cause:
-            self._end_drop(number)
-        if self._dropping is None:
-            self._dropping = number, cause
-
-    def _end_drop(self, before: int) -> None:
-        """Put the drop record of what found no room before number `before`."""
-        if self._dropping is not None:
-            (first, cause), self._dropping = self._dropping, None
-            self._queue.append((before - 1, self._last_ns, DropRecord(first, before - 1, cause)))
-
     # ---- writer's thread ----
+
+    def _takes(self) -> bool:
+        return self._thread.is_alive() and not self._ended
 
     def _write_until_closed(self) -> None:
         try:
@@ -226,53 +169,47 @@ class Recorder:
                 self._worst_sync_s = max(self._worst_sync_s, time.monotonic() - now_s)
                 self._level = self._disk.level()
                 due_s = now_s + SYNC_S
-            if closing and not self._queue:
+            if closing and not self._queue.entries:
                 break
-        self._end_gap(_held(self._last_ns))
+        self._end_gap(_held(self._queue.last_ns))
         self._hand_on(time.monotonic())
-        shed = self._shed_queue + self._shed_disk
+        shed = self._queue.shed + self._shed
         self._series.close(
             time.monotonic(), {"worst_sync_ms": f"{1e3 * self._worst_sync_s:.0f}", "shed": str(shed)}
         )
 
     def _drain(self) -> None:
         """What was there when it began: a queue that fills faster must not keep the rest from the disk."""
-        waiting = len(self._queue)
+        waiting = len(self._queue.entries)
         while waiting > 0:
             self._write(min(BATCH_RECORDS, waiting))
             self._hand_on(time.monotonic())
             waiting -= BATCH_RECORDS
-            if not self._lossless and not self._closing.is_set():
-                time.sleep(YIELD_S)
 
     def _write(self, count: int) -> None:
         """So many records as bytes, with the views of them, for _hand_on."""
-        take, encoders, drawn, ready = self._queue.popleft, self._encoders, self._drawn, self._ready
-        sheds, views = self._level >= NO_BULK, self._level < NO_VIEWS and not self._hurried()
+        take, drawn, ready = self._queue.entries.popleft, self._drawn, self._ready
+        encoders, rows = self._encoders, self._row_encoders
+        sheds, views = self._level >= NO_BULK, self._level < NO_VIEWS and not self._queue.is_hurried()
         for _ in range(count):
             number, log_time_ns, record = take()
             if not 0 <= log_time_ns <= _LAST_NS:
                 log_time_ns = _held(log_time_ns)
-            if sheds and _may_go(record):
-                self._shed_disk += 1
+            if sheds and may_go(record):
+                self._shed += 1
                 self._gap = DropRecord(self._gap.first if self._gap else number, number, _LOW)
                 continue
             if self._gap is not None:
                 self._end_gap(log_time_ns)
             kind = type(record)
             try:
-                if kind is tuple:
-                    kind, record = record[0], record[0](*record[1:])
-                topic, encode = encoders[kind]
-                ready.append(Encoded(topic, number, log_time_ns, encode(record)))
+                topic, encode = encoders[kind] if kind is not tuple else rows[record[0]]
+                ready.append(_new(Encoded, (topic, number, log_time_ns, encode(record), False)))
             except Exception as error:  # a wrong value must cost that record, not the run
-                ready.append(self._lost_for(number, log_time_ns, kind, error))
+                ready.append(self._lost_for(number, log_time_ns, kind_of(record), error))
             if kind in drawn and views:  # these are shed first
                 for view, data in self._views(record, log_time_ns):
                     ready.append(Encoded(view, number, log_time_ns, data, derived=True))
-
-    def _hurried(self) -> bool:
-        return not self._lossless and len(self._queue) > self._limit // 4
 
     def _hand_on(self, now_s: float) -> None:
         self._series.add_all(self._ready, now_s)
@@ -301,10 +238,3 @@ class Recorder:
 def _held(log_time_ns: int) -> int:
     """The log time itself, unless the clock is off by centuries."""
     return min(max(log_time_ns, 0), _LAST_NS)
-
-
-def _may_go(record: Any) -> bool:
-    """Is it bulk?"""
-    if type(record) is tuple:  # (kind, stamp, port ...)
-        return record[0] is _Moved and record[2] == LIDAR
-    return is_bulk(record)

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hippomat_core import messages
 from hippomat_logs.cdr_decoder import make_decoder
-from hippomat_logs.cdr_encoder import Encoder, FieldSpec, make_encoder
+from hippomat_logs.cdr_encoder import Encoder, FieldSpec, make_encoder, make_row_encoder
 from hippomat_logs.cdr_layout import Field, fields_of_type
 from hippomat_logs.records import DropRecord, ProcessRecord, SerialRecord, TimingRecord
 
@@ -133,6 +133,11 @@ class MessageStore:
     def encoders(self) -> dict[type, tuple[str, Encoder]]:
         """Topic and encoder of every class, for whoever encodes hundreds a second."""
         return {kind: (TOPICS[kind], encoder) for kind, encoder in self._encoders.items()}
+
+    def row_encoders(self) -> dict[type, tuple[str, Encoder]]:
+        """The same for (class, its fields ...) instead of a message, of the log's own records, without their
+        checksum."""
+        return {kind: (TOPICS[kind], make_row_encoder(_specs(kind))) for kind in OWN}
 
     def decode(self, kind: type, data: bytes | memoryview) -> Any:
         """The record again, its arrays read-only; struct.error or ValueError where the bytes hold none."""

@@ -92,11 +92,8 @@ class _Watcher:
     def __init__(self, robot: int, sink: Sink) -> None:
         self._robot, self._sink = robot, sink
 
-    def event(self, event: Event) -> None:
-        self._sink(self._robot, Seen(event.stamp_ns, event))
-
-    def effect(self, stamp_ns: int, effect: Effect) -> None:
-        self._sink(self._robot, Seen(stamp_ns, effect))
+    def put(self, stamp_ns: int, message: Event | Effect) -> None:
+        self._sink(self._robot, Seen(stamp_ns, message))
 
     def serial(self, stamp_ns: int, port: int, direction: int, phase: int, data: bytes) -> None: ...
     def close(self) -> None: ...

@@ -45,8 +45,7 @@ Feed = Callable[[Event], None]
 class Recording(Protocol):
     """Where a robot's records go: a log, or figures that are made of them at once."""
 
-    def event(self, event: Event) -> None: ...
-    def effect(self, stamp_ns: int, effect: Effect) -> None: ...
+    def put(self, stamp_ns: int, message: Event | Effect) -> None: ...
     def serial(self, stamp_ns: int, port: int, direction: int, phase: int, data: bytes) -> None: ...
     def close(self) -> Any: ...
 
@@ -159,10 +158,10 @@ class LockstepRobot:
 
     def _feed(self, event: Event, now_us: int) -> None:
         assert self._recording is not None
-        self._recording.event(event)
+        self._recording.put(event.stamp_ns, event)
         self._state, effects = step(self._state, event)
         for effect in effects:
-            self._recording.effect(event.stamp_ns, effect)
+            self._recording.put(event.stamp_ns, effect)
         for effect in effects:
             command = command_of(effect)
             if command is not None:

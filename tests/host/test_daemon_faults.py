@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hippomat_core.config import Config, FleetConfig
-from hippomat_core.messages import BASE, LIDAR, RADIO, Event
+from hippomat_core.messages import BASE, LIDAR, RADIO, Effect, Event
 from hippomat_core.wire import rplidar
 from hippomat_core.wire.jetbot_base import encode_velocity
 from hippomat_host.advice import Given
@@ -61,8 +61,8 @@ class Told:
 
 
 class BrokenAtTick(NoRecording):
-    def event(self, event: Event) -> None:
-        if type(event).__name__ == "Tick":
+    def put(self, stamp_ns: int, message: Event | Effect) -> None:  # noqa: ARG002
+        if type(message).__name__ == "Tick":
             raise RuntimeError("broken")
 
 
@@ -103,8 +103,8 @@ def test_bytes_of_a_port_that_is_not_open_are_recorded_but_decode_to_nothing(scr
         def __init__(self) -> None:
             self.noted: list[str] = []
 
-        def event(self, event: Event) -> None:
-            self.noted.append(type(event).__name__)
+        def put(self, stamp_ns: int, message: Event | Effect) -> None:  # noqa: ARG002
+            self.noted.append(type(message).__name__)
 
         def serial(self, stamp_ns: int, port: int, direction: int, phase: int, data: bytes) -> None:  # noqa: ARG002
             self.noted.append("serial")

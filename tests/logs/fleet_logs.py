@@ -34,9 +34,9 @@ def write_log(
     for at_s, message in stamped:
         stamp_ns = START_NS + round(at_s * S)
         if hasattr(message, "stamp_ns"):
-            recorder.event(replace(message, stamp_ns=stamp_ns))  # type: ignore[type-var]
+            recorder.put(stamp_ns, replace(message, stamp_ns=stamp_ns))  # type: ignore[type-var]
         else:
-            recorder.effect(stamp_ns, message)  # type: ignore[arg-type]
+            recorder.put(stamp_ns, message)  # type: ignore[arg-type]
     recorder.timing(START_NS, 2_000_000, 0)
     recorder.close()
 

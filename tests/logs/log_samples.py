@@ -63,9 +63,9 @@ def record_samples(recorder: Recorder, count: int, seed: int = 1) -> list[Any]:
         data = rng.bytes(int(rng.integers(1, 200)))
         recorder.serial(stamp_ns, m.BASE, 0, 1, data)
         event = stamped(sample(EVENTS[k % len(EVENTS)], rng), stamp_ns)
-        recorder.event(event)
+        recorder.put(event.stamp_ns, event)
         effect = sample(EFFECTS[k % len(EFFECTS)], rng)
-        recorder.effect(stamp_ns, effect)
+        recorder.put(stamp_ns, effect)
         recorder.timing(stamp_ns, 1000 + k, 0)
         given += [data, event, effect, 1000 + k]
     return given

@@ -100,9 +100,9 @@ class RecordedFleet(SlottedWorld):
             )
             for stamp_ns, message in body.trace:
                 if isinstance(message, EVENTS):
-                    recorder.event(message)  # type: ignore[arg-type]
+                    recorder.put(message.stamp_ns, message)  # type: ignore[arg-type]
                 else:
-                    recorder.effect(stamp_ns, message)  # type: ignore[arg-type]
+                    recorder.put(stamp_ns, message)  # type: ignore[arg-type]
             recorder.close()
         return directory
 

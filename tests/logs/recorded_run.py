@@ -59,10 +59,10 @@ class RecordedRun:
         self.decisions = 0
 
     def event(self, event: m.Event) -> None:
-        self.recorder.event(event)
+        self.recorder.put(event.stamp_ns, event)
         self._state, effects = step(self._state, event)
         for effect in effects:
-            self.recorder.effect(event.stamp_ns, effect)
+            self.recorder.put(event.stamp_ns, effect)
             self.decisions += isinstance(effect, m.RoundDecided)
             self._write(event.stamp_ns, effect)
 

@@ -44,9 +44,9 @@ def write_fleet(
         recorder = Recorder(
             directory, manifest, config=config, wall_ns=wall_ns, stamp_ns=START_NS, lossless=True
         )
-        recorder.event(m.Started(START_NS))
+        recorder.put(START_NS, m.Started(START_NS))
         if with_map:
-            recorder.event(room())
+            recorder.put(START_NS, room())
         for round_ in range(round(seconds * 10)):
             _record_round(recorder, robot, robots, round_, with_tasks)
         if extra is not None:
@@ -63,25 +63,27 @@ def pose_of(robot: int, robots: int, at_s: float) -> tuple[float, float, float]:
 def _record_round(recorder: Recorder, robot: int, robots: int, round_: int, with_tasks: bool) -> None:
     stamp_ns = START_NS + round_ * 100_000_000
     x_m, y_m, yaw_rad = pose_of(robot, robots, round_ / 10)
-    recorder.event(m.RoundEnded(stamp_ns, round_, round_ * 100_000, round_ * 100_000, 0, agreed=True))
-    recorder.event(m.Tick(stamp_ns))
+    recorder.put(stamp_ns, m.RoundEnded(stamp_ns, round_, round_ * 100_000, round_ * 100_000, 0, agreed=True))
+    recorder.put(stamp_ns, m.Tick(stamp_ns))
     if with_tasks and round_ == 0:
         for slot in range(SLOTS):
             turned = m.TaskTurned(slot, 0, SITE_CM + 50 * slot, SITE_CM, 0, "start")
-            recorder.effect(stamp_ns, turned)
-    recorder.effect(stamp_ns, m.PoseEstimated(x_m, y_m, yaw_rad, 0.2, 0.0, "odometry"))
+            recorder.put(stamp_ns, turned)
+    recorder.put(stamp_ns, m.PoseEstimated(x_m, y_m, yaw_rad, 0.2, 0.0, "odometry"))
     claim = _claim(robot, round_) if with_tasks else frames.NO_CLAIM
     if with_tasks and robot < SLOTS and round_ in CHANGES:
         place_m = (SITE_CM + 50 * robot) / 100, SITE_CM / 100, 0.0
         changed = m.ClaimChanged(CHANGES[round_], "as told", robot, 0, 1, 50, round_, *place_m)
-        recorder.effect(stamp_ns, changed)
-    recorder.effect(stamp_ns, m.SendState(state_of(robot, robots, round_, claim)))
+        recorder.put(stamp_ns, changed)
+    recorder.put(stamp_ns, m.SendState(state_of(robot, robots, round_, claim)))
     for peer in range(robots):
         if peer != robot and (peer + round_) % 5:  # a fifth is lost
             header = frames.Header(frames.STATE, False, 1, peer, 1, round_, round_ * 100_000)
             at_us = round_ * 100_000 + 300
             frame = state_of(peer, robots, round_, frames.NO_CLAIM)
-            recorder.event(m.StateHeard(stamp_ns + 300_000, at_us, at_us, -50, header, frame))
+            recorder.put(
+                stamp_ns + 300_000, m.StateHeard(stamp_ns + 300_000, at_us, at_us, -50, header, frame)
+            )
 
 
 def _claim(robot: int, round_: int) -> frames.AirClaim:

@@ -31,7 +31,7 @@ def crafter(tmp_path_factory: pytest.TempPathFactory) -> Crafter:
     directory = tmp_path_factory.mktemp("crafted")
     recorder = new_recorder(directory, CONFIG)
     for k in range(30):
-        recorder.event(m.Tick(START_NS + k * 1000))
+        recorder.put(START_NS + k * 1000, m.Tick(START_NS + k * 1000))
         recorder.serial(START_NS + k * 1000, m.BASE, 0, 1, b"abcdef")
     recorder.close()
     (log,) = directory.glob("*.mcap")

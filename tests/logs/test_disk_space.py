@@ -62,10 +62,10 @@ def test_scans_are_shed_and_decisions_kept_while_the_disk_is_low(tmp_path: Path)
     def ticks_until(done: Callable[[], bool]) -> None:
         until_s = time.monotonic() + 20.0
         while not done() and time.monotonic() < until_s:
-            recorder.event(SCAN)
+            recorder.put(SCAN.stamp_ns, SCAN)
             recorder.serial(START_NS, m.LIDAR, 0, 1, b"lidar")
             recorder.serial(START_NS, m.BASE, 0, 1, b"base")
-            recorder.effect(START_NS, m.Drive(0.1, 0.0, "follow"))
+            recorder.put(START_NS, m.Drive(0.1, 0.0, "follow"))
             time.sleep(0.01)
 
     ticks_until(lambda: recorder.status().records >= 200)
@@ -99,8 +99,8 @@ def open_runs_of(directory: Path) -> Run:
 def test_a_queue_that_fills_up_sheds_scans_before_anything_else(tmp_path: Path) -> None:
     recorder = new_recorder(tmp_path, queue_records=200)
     for _ in range(60):  # far faster than the writer, which sleeps between its syncs
-        recorder.event(SCAN)
-        recorder.effect(START_NS, m.Drive(0.1, 0.0, "follow"))
+        recorder.put(SCAN.stamp_ns, SCAN)
+        recorder.put(START_NS, m.Drive(0.1, 0.0, "follow"))
         recorder.serial(START_NS, m.LIDAR, 0, 1, b"lidar")
     status = recorder.close()
     assert status.shed > 0

@@ -74,7 +74,7 @@ def texts(found: Examination, kind: str) -> str:
 
 def test_an_unfinished_log_is_named_with_its_remedy(tmp_path: Path) -> None:
     recorder = new_recorder(tmp_path)
-    recorder.event(m.Tick(START_NS))
+    recorder.put(START_NS, m.Tick(START_NS))
     (path,) = tmp_path.glob("*.active")
     wait_until(lambda: path.stat().st_size > 8000)
     assert "being recorded by a live process" in texts(examine(path), LOSS)
@@ -95,10 +95,10 @@ def wait_until(done: Callable[[], bool]) -> None:
 def test_explained_losses_and_stalls_are_told_apart(tmp_path: Path) -> None:
     recorder = new_recorder(tmp_path, queue_records=50)
     for k in range(120):
-        recorder.event(m.Tick(START_NS + k * 50_000_000))
+        recorder.put(START_NS + k * 50_000_000, m.Tick(START_NS + k * 50_000_000))
     time.sleep(0.6)  # the queue is empty again
-    recorder.event(m.Tick(START_NS + 100 * 10**9))
-    recorder.event(m.Tick(START_NS))
+    recorder.put(START_NS + 100 * 10**9, m.Tick(START_NS + 100 * 10**9))
+    recorder.put(START_NS, m.Tick(START_NS))
     recorder.close()
     (path,) = tmp_path.glob("*.mcap")
     found = examine(path)
@@ -112,7 +112,7 @@ def test_a_missing_part_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[s
     config = dataclasses.replace(CONFIG, log=LogConfig(part_s=0.001, expected_min=0.0))
     recorder = new_recorder(tmp_path, lossless=True, config=config)
     for number in range(3):
-        recorder.event(m.Tick(START_NS + number))
+        recorder.put(START_NS + number, m.Tick(START_NS + number))
         wait_until(lambda number=number: len(list(tmp_path.glob("*.mcap"))) > number)  # type: ignore[misc]
     recorder.close()
     parts = sorted(tmp_path.glob("*.mcap"))

@@ -37,7 +37,7 @@ class RecordedWorld(LidarWorld):
         )
         for event in self.events:
             if without is None or not isinstance(event, without):
-                recorder.event(event)
+                recorder.put(event.stamp_ns, event)
         recorder.close()
 
 

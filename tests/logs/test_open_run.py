@@ -108,9 +108,9 @@ def test_a_channel_that_cannot_be_read_is_named_and_costs_nothing_else() -> None
 def test_parts_are_one_run_and_a_repeated_map_is_there_once(tmp_path: Path) -> None:
     config = dataclasses.replace(CONFIG, log=LogConfig(part_s=0.001, expected_min=0.0))
     recorder = new_recorder(tmp_path, lossless=True, config=config)
-    recorder.event(m.MapReceived(START_NS, 1, 2, 2, 0.1, 0.0, 0.0, np.zeros(4, np.int8)))
+    recorder.put(START_NS, m.MapReceived(START_NS, 1, 2, 2, 0.1, 0.0, 0.0, np.zeros(4, np.int8)))
     for k in range(900):
-        recorder.event(m.Tick(START_NS + k))
+        recorder.put(START_NS + k, m.Tick(START_NS + k))
         if k % 300 == 299:
             wait_for_a_part(recorder)
     recorder.close()

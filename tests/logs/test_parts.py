@@ -174,7 +174,7 @@ def test_a_clock_that_is_off_by_centuries_costs_no_record(tmp_path: Path, wall_n
     recorder = new_recorder(tmp_path)
     recorder._offset_ns = wall_ns  # the name of a file holds no such year, a clock that steps may
     for k in range(5):
-        recorder.event(m.Tick(START_NS + k))
+        recorder.put(START_NS + k, m.Tick(START_NS + k))
     status = recorder.close()
     assert (status.records, status.lost, status.problem) == (5, 0, "")
     (run,) = open_runs([tmp_path])
@@ -185,7 +185,7 @@ def test_an_error_of_the_recorder_itself_is_counted_and_leaves_a_log_to_recover(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorder = new_recorder(tmp_path)
-    recorder.event(m.Tick(START_NS))
+    recorder.put(START_NS, m.Tick(START_NS))
 
     def broken(_now_s: float) -> None:
         raise ValueError("a mistake")
@@ -193,7 +193,7 @@ def test_an_error_of_the_recorder_itself_is_counted_and_leaves_a_log_to_recover(
     monkeypatch.setattr(recorder._series, "flush", broken)
     recorder._thread.join(0.6)
     for k in range(1, 10):
-        recorder.event(m.Tick(START_NS + k))
+        recorder.put(START_NS + k, m.Tick(START_NS + k))
     status = recorder.close()
     assert (status.records, status.lost) == (10, 10)
     assert status.problem == "recording ended: ValueError: a mistake"
@@ -207,6 +207,6 @@ def test_a_simulated_run_ends_where_its_disk_fails_and_says_why(tmp_path: Path) 
     clocks = {"wall_ns": WALL_NS, "stamp_ns": 0}
     disk = FaultyDisk(tmp_path, {3})
     recorder = DirectRecorder(tmp_path, MANIFEST, config=CONFIG, open_sink=disk, **clocks)  # type: ignore[arg-type]
-    recorder.event(m.Tick(0))
+    recorder.put(0, m.Tick(0))
     with pytest.raises(HippomatError, match=r"cannot record into .*Input/output error"):
-        recorder.event(m.Tick(10**9))
+        recorder.put(10**9, m.Tick(10**9))

@@ -125,7 +125,7 @@ def wait_until_written(recorder: Any) -> None:
 def test_a_full_queue_drops_counts_and_says_so_in_the_log(tmp_path: Path) -> None:
     recorder = new_recorder(tmp_path, queue_records=50)
     for k in range(2000):
-        recorder.event(m.Tick(START_NS + k))
+        recorder.put(START_NS + k, m.Tick(START_NS + k))
     status = recorder.close()
     assert status.records == 2000
     assert status.lost > 0
@@ -137,9 +137,9 @@ def test_a_full_queue_drops_counts_and_says_so_in_the_log(tmp_path: Path) -> Non
 
 def test_a_value_that_does_not_fit_costs_its_record_only(tmp_path: Path) -> None:
     recorder = new_recorder(tmp_path)
-    recorder.event(m.Tick(START_NS))
-    recorder.effect(START_NS, m.ConflictSeen(999, 0, 0, False, "tie"))
-    recorder.event(m.Tick(START_NS + 1))
+    recorder.put(START_NS, m.Tick(START_NS))
+    recorder.put(START_NS, m.ConflictSeen(999, 0, 0, False, "tie"))
+    recorder.put(START_NS + 1, m.Tick(START_NS + 1))
     status = recorder.close()
     assert "ConflictSeen" in status.problem
     run = open_runs([tmp_path])[0]

@@ -36,7 +36,7 @@ recorder = new_recorder(Path(sys.argv[1]))
 print("recording", flush=True)
 k = 0
 while True:
-    recorder.event(m.Tick(START_NS + k))
+    recorder.put(START_NS + k, m.Tick(START_NS + k))
     k += 1
     print(time.monotonic(), flush=True)
     time.sleep(0.002)
@@ -145,7 +145,7 @@ def test_a_log_that_is_being_recorded_is_left_alone(tmp_path: Path) -> None:
     recorder = new_recorder(tmp_path)
     (line,) = recover_directory(tmp_path)
     assert "live process" in line
-    recorder.event(m.Tick(START_NS))
+    recorder.put(START_NS, m.Tick(START_NS))
     recorder.close()
     assert sum(1 for _ in open_runs([tmp_path])[0].records_in_order()) == 1
 

@@ -120,7 +120,7 @@ def test_an_observers_log_alone_shows_whom_it_heard(tmp_path: Path) -> None:
     )
     for _, _, _, message in read_records(next(heard.glob("robot01*"))):
         if isinstance(message, m.StateHeard):
-            recorder.event(message)
+            recorder.put(message.stamp_ns, message)
     recorder.close()
     data, whole = build([next(tmp_path.glob("*.mcap"))])
     assert whole
@@ -173,8 +173,8 @@ def cells_of(matrix: Any) -> dict[tuple[str, str], float]:
 
 def test_texts_of_a_log_are_never_html(tmp_path: Path) -> None:
     def extra(recorder: Recorder, stamp_ns: int) -> None:
-        recorder.effect(stamp_ns, say(SCRIPT))
-        recorder.effect(stamp_ns, m.ConflictSeen(1, 0, 2, True, SCRIPT))
+        recorder.put(stamp_ns, say(SCRIPT))
+        recorder.put(stamp_ns, m.ConflictSeen(1, 0, 2, True, SCRIPT))
 
     write_fleet(tmp_path, robots=1, host=SCRIPT, extra=extra)
     out = tmp_path / "run.html"

@@ -41,10 +41,10 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 def attack(recorder: Recorder, stamp_ns: int) -> None:
     """What a hostile peer or a careless integrator could put into a log's texts."""
-    recorder.effect(stamp_ns, m.AlarmRaised(m.ERROR, ATTACK, ATTACK))
-    recorder.effect(stamp_ns, m.ConflictSeen(1, 0, 2, True, ATTACK))
-    recorder.effect(stamp_ns, m.GuardLimited(0.2, 0.0, 0.1, 0.1, 0.1, 0.0))
-    recorder.effect(stamp_ns, m.RecoveryChanged("back_up", ATTACK, 9.0, 0.0, 0.0, 0.0))
+    recorder.put(stamp_ns, m.AlarmRaised(m.ERROR, ATTACK, ATTACK))
+    recorder.put(stamp_ns, m.ConflictSeen(1, 0, 2, True, ATTACK))
+    recorder.put(stamp_ns, m.GuardLimited(0.2, 0.0, 0.1, 0.1, 0.1, 0.0))
+    recorder.put(stamp_ns, m.RecoveryChanged("back_up", ATTACK, 9.0, 0.0, 0.0, 0.0))
 
 
 @pytest.fixture(scope="module")

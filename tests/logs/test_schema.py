@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import struct
+import zlib
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from log_samples import sample
 
 from hippomat_core import messages as m
+from hippomat_logs.records import SerialRecord
 from hippomat_logs.schema import (
     EFFECTS,
     EVENTS,
@@ -69,6 +71,35 @@ def test_an_annotation_without_a_width_is_refused_with_its_remedy() -> None:
 
     with pytest.raises(TypeError, match=r"'number'.*hippomat_core\.fields"):
         definition(Wrong)
+
+
+@settings(max_examples=100, deadline=None)
+@given(kind=st.sampled_from(OWN), seed=st.integers(0, 2**32 - 1))
+def test_fields_without_their_checksum_are_encoded_like_the_record(kind: type, seed: int) -> None:
+    record = sample(kind, np.random.default_rng(seed))
+    if isinstance(record, SerialRecord):
+        record = dataclasses.replace(record, crc32=zlib.crc32(record.data))
+    names = [one.name for one in dataclasses.fields(record) if one.name != "crc32"]
+    topic, encode = STORE.row_encoders()[kind]
+    assert topic == TOPICS[kind]
+    assert encode((kind, *(getattr(record, name) for name in names))) == STORE.encode(record)
+
+
+def test_an_array_of_another_type_or_shape_is_refused() -> None:
+    scan = blank(m.ScanReceived)
+    for wrong in (np.zeros(3, np.int8), np.zeros((2, 2), np.uint8), np.zeros(3)):
+        with pytest.raises(ValueError, match="stands where one of uint8 belongs"):
+            STORE.encode(dataclasses.replace(scan, quality=wrong))
+
+
+def test_a_record_is_encoded_alike_after_thousands_of_other_lengths() -> None:
+    """Forms are kept by length, but not all of them."""
+    first = SerialRecord(1, 2, 1, 1, 3, b"as ever")
+    before = STORE.encode(first)
+    for length in range(3000):
+        data = STORE.encode(SerialRecord(1, 2, 1, 1, 3, bytes(length)))
+        assert STORE.decode(SerialRecord, data).data == bytes(length)
+    assert STORE.encode(first) == before
 
 
 def test_an_array_with_a_step_is_recorded_like_its_copy() -> None:

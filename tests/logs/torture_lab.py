@@ -166,7 +166,7 @@ print("recording", flush=True)
 k = 0
 while True:
     now = time.monotonic_ns()
-    recorder.event(m.Tick(now))
+    recorder.put(now, m.Tick(now))
     k += 1
     if k % 20 == 0:
         print(now, flush=True)
@@ -219,7 +219,7 @@ def seconds_lost_by_power_cut(directory: Path, seed: int, cuts: int, rate_hz: fl
     pause = threading.Event()
     for moment in moments:
         while time.monotonic() - begun_s < moment:
-            recorder.event(m.Tick(time.monotonic_ns()))
+            recorder.put(time.monotonic_ns(), m.Tick(time.monotonic_ns()))
             pause.wait(1.0 / rate_hz)
         seen.append((time.monotonic_ns(), sinks[-1].cut()))
     recorder.close()

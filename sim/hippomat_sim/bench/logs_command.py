@@ -119,7 +119,7 @@ def _targets(
 def _as_json(report: LogsReport) -> dict[str, Any]:
     readers = {name: [asdict(one) for one in figures] for name, figures in report.readers.items()}
     recorder = report.recorder and {
-        **asdict(report.recorder), "percent": report.recorder.percent, "stall_ms": report.recorder.stall_ms
+        **asdict(report.recorder), "percent": report.recorder.percent
     }  # fmt: skip
     targets = [
         asdict(target) | {"value": None if target.value != target.value else target.value, "met": target.met}
@@ -157,8 +157,8 @@ def _show(report: LogsReport, console: Console) -> None:
 def _show_recorder(figures: RecorderFigures, console: Console) -> None:
     console.print(
         f"recording {figures.messages_per_s:.0f} messages/s for {figures.seconds:.0f} s: writer thread "
-        f"{figures.writer_percent:.2f} % of a core, calls {figures.calls_percent:.2f} %, longest call "
-        f"{figures.longest_call_ms:.2f} ms; work of {figures.work_ms:.2f} ms took at most "
-        f"{figures.longest_work_ms:.2f} ms, without recorder {figures.longest_work_without_ms:.2f} ms; "
+        f"{figures.writer_percent:.2f} % of a core, calls {figures.calls_percent:.2f} %; it held the loop "
+        f"up for {figures.stall_ms:.2f} ms at worst. A call and work of {figures.work_ms:.2f} ms took up to "
+        f"{figures.longest_ms:.2f} ms, without recorder {figures.longest_without_ms:.2f} ms; "
         f"{figures.lost} records lost"
     )

@@ -118,9 +118,9 @@ def call_of(recorder: Recorder, step: Step) -> Call:
     """The call to the recorder that a step is."""
     stamp_ns, what, content = step
     if what == "event":
-        return stamp_ns, recorder.event, (content,)
+        return stamp_ns, recorder.put, (content.stamp_ns, content)
     if what == "effect":
-        return stamp_ns, recorder.effect, (stamp_ns, content)
+        return stamp_ns, recorder.put, (stamp_ns, content)
     if what == SERIAL:
         port, direction, data = content
         return stamp_ns, recorder.serial, (stamp_ns, port, direction, 1, data)
