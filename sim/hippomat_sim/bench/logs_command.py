@@ -16,9 +16,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from hippomat_core.errors import ConfigError
+from hippomat_sim.bench.core_speed import said
 from hippomat_sim.bench.logs_large import LargeFigures, measure_large
 from hippomat_sim.bench.logs_readers import READERS, ReaderFigures, measure
-from hippomat_sim.bench.logs_recorder import RecorderFigures, measure_recorder
+from hippomat_sim.bench.logs_recorder import WORK, RecorderFigures, measure_recorder
 from hippomat_sim.bench.logs_stream import MESSAGES_PER_S, record
 from hippomat_sim.bench.radio_report import verdict
 from hippomat_sim.bench.radio_targets import Target
@@ -160,5 +161,5 @@ def _show_recorder(figures: RecorderFigures, console: Console) -> None:
         f"{figures.writer_percent:.2f} % of a core, calls {figures.calls_percent:.2f} %; it held the loop "
         f"up for {figures.stall_ms:.2f} ms at worst. A call and work of {figures.work_ms:.2f} ms took up to "
         f"{figures.longest_ms:.2f} ms, without recorder {figures.longest_without_ms:.2f} ms; "
-        f"{figures.lost} records lost"
+        f"{figures.lost} records lost. {said(WORK / figures.work_ms / 1e3)}"
     )

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from hippomat_logs.recorder import bound_interpreter_wait
+from hippomat_sim.bench.core_speed import additions
 from hippomat_sim.bench.logs_stream import START_NS, Call, Step, Stream, call_of, new_recorder
 
 WORK = 3000  # additions, about 0.15 ms
@@ -30,7 +31,7 @@ class RecorderFigures:
     writer_percent: float  # the recorder's own thread
     calls_percent: float  # what the loop spends in calls to the recorder
     stall_ms: float  # longest that the loop was held up by the recorder, from a call to the end of its work
-    work_ms: float  # median of the piece of work
+    work_ms: float  # median of the piece of work, WORK additions
     longest_ms: float  # of call and work, whoever held it up
     longest_without_ms: float
     lost: int
@@ -97,7 +98,7 @@ def _loop(calls: Iterable[Call], progress: Callable[[float], None], done_s: floa
         own_s, before_s = time.thread_time(), time.perf_counter()
         call(*arguments)
         called_s, own_called_s = time.perf_counter(), time.thread_time()
-        _work()
+        additions(WORK)
         ended_s, own_ended_s = time.perf_counter(), time.thread_time()
         calls_s += called_s - before_s
         work_s.append(ended_s - called_s)
@@ -114,10 +115,3 @@ def _loop(calls: Iterable[Call], progress: Callable[[float], None], done_s: floa
 def _others_s() -> float:
     """Processor time of the process's other threads."""
     return time.process_time() - time.thread_time()
-
-
-def _work() -> int:
-    total = 0
-    for number in range(WORK):
-        total += number
-    return total

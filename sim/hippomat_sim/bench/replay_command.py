@@ -10,6 +10,7 @@ import argparse
 import json
 import multiprocessing
 import os
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -30,6 +31,7 @@ from hippomat_logs.manifest import THREAD_SETTINGS
 from hippomat_logs.numba_cache import ensure_numba_cache
 from hippomat_logs.reader import Run, open_runs
 from hippomat_logs.replay import ReplayOptions, replay_run
+from hippomat_sim.bench.core_speed import core_speed, said
 from hippomat_sim.bench.radio_report import verdict
 from hippomat_sim.bench.radio_targets import Target
 from hippomat_sim.maps.demo_room import DEMO_ROOM
@@ -52,6 +54,7 @@ class ReplayFigures:
     cpu_s: dict[str, float]
     verdict: str
     identical: bool  # all passes gave the same report
+    core_speed: float  # million additions a second in Python, median over the passes
 
     @property
     def title(self) -> str:
@@ -123,10 +126,11 @@ def _in_one_thread(run: Run) -> ReplayFigures:
 def measure(paths: Sequence[Path]) -> ReplayFigures:
     """In this process; its libraries are loaded already."""
     cpu_s: dict[str, float] = {}
-    reports = []
+    reports, speeds = [], []
     for name, levels in LEVELS.items():
         spent = []
         for _ in range(PASSES):
+            speeds.append(core_speed())
             begin_s = time.process_time()
             (run,) = open_runs(list(paths))
             report = replay_run(run, ReplayOptions(levels))
@@ -138,7 +142,10 @@ def measure(paths: Sequence[Path]) -> ReplayFigures:
     identical = len(set(reports)) == len(LEVELS)
     config = run.config
     slam = config.slam.mode != "odometry"
-    return ReplayFigures(run.name, slam, config.fleet.size, recorded_s, cpu_s, report.verdict, identical)
+    speed = statistics.median(speeds)
+    return ReplayFigures(
+        run.name, slam, config.fleet.size, recorded_s, cpu_s, report.verdict, identical, speed
+    )
 
 
 def _targets(figures: Sequence[ReplayFigures]) -> Iterator[Target]:
@@ -164,6 +171,8 @@ def _show(figures: Sequence[ReplayFigures], targets: Sequence[Target], console: 
         rates = [f"{one.times_real(name):,.0f}x" for name in LEVELS]
         table.add_row(one.title, f"{one.recorded_s:.0f} s", *rates)
     console.print(table)
+    if figures:
+        console.print(said(statistics.median(one.core_speed for one in figures)))
     for one in figures:
         if not one.verdict.startswith("reproduced"):
             console.print(f"{one.run}: {one.verdict}", style="red", markup=False)
