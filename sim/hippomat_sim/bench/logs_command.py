@@ -65,7 +65,10 @@ def run(options: argparse.Namespace) -> int:
     if options.seconds < 1 or options.recorder_seconds < 0 or (options.large or 1) < 1:
         raise ConfigError("--seconds and --large begin at 1, --recorder-seconds at 0")
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    screen = Console(stderr=True)
+    with Progress(
+        *columns, console=screen, transient=True, auto_refresh=False
+    ) as bar:  # a thread would disturb
         report = _measure(options, bar)
     if options.json:
         print(json.dumps(_as_json(report)))
@@ -79,6 +82,7 @@ def _measure(options: argparse.Namespace, bar: Progress) -> LogsReport:
         files = options.files
         if not files:
             task = bar.add_task("making a run", total=None)
+            bar.refresh()
             files = [record(Path(directory), options.seconds)]
             bar.remove_task(task)
         task = bar.add_task("reading", total=len(files) * len(READERS))
@@ -87,15 +91,18 @@ def _measure(options: argparse.Namespace, bar: Progress) -> LogsReport:
             for reader in READERS:
                 readers.setdefault(path.name, []).append(measure(reader, path))
                 bar.advance(task)
+                bar.refresh()
     recorder = large = None
     if options.recorder_seconds:
         task = bar.add_task("recording", total=2 * options.recorder_seconds)
         recorder = measure_recorder(
-            options.recorder_seconds, MESSAGES_PER_S, lambda done: bar.update(task, completed=done)
+            options.recorder_seconds,
+            MESSAGES_PER_S,
+            lambda done: bar.update(task, completed=done, refresh=True),
         )
     if options.large:
         task = bar.add_task("a large log", total=1.0)
-        large = measure_large(options.large, lambda done: bar.update(task, completed=done))
+        large = measure_large(options.large, lambda done: bar.update(task, completed=done, refresh=True))
     return LogsReport(readers, recorder, large, list(_targets(readers, recorder, large)))
 
 
