@@ -22,7 +22,7 @@ from hippomat_core.config import Config
 from hippomat_core.errors import ConfigError, HippomatError, LogError
 from hippomat_logs.cdr_encoder import ENCAPSULATION
 from hippomat_logs.copies import each_part_once
-from hippomat_logs.file_kinds import each_once, refuse_foreign
+from hippomat_logs.file_kinds import each_once, refuse_foreign, refuse_selection
 from hippomat_logs.manifest import config_of
 from hippomat_logs.part import ChannelSpec
 from hippomat_logs.records import DropRecord, SerialRecord
@@ -322,8 +322,7 @@ def read_contents(path: Path, store: MessageStore, inside: str = "") -> tuple[Co
     records = sum(
         n for key, n in contents.counts.items() if key in channels and channels[key].topic in CLASSES
     )
-    if selection := contents.manifest.get("selection"):
-        raise LogError(f"{path}: is a selection of a run ({selection}): this needs the whole run")
+    refuse_selection(path, contents.manifest)
     for channel in contents.channels.values():
         if not is_as_here(channel, store):
             raise HippomatError(
