@@ -144,7 +144,8 @@ def test_a_window_is_cut_for_looking_and_refused_by_replay_with_what_replays_ins
     assert "for looking at only" in " ".join(capsys.readouterr().out.split())
     assert main([str(window)]) == 1
     said = capsys.readouterr().err
-    assert said.startswith("error: ") and said.count("\n") == 1
+    assert said.startswith("error: ")
+    assert said.count("\n") == 1
     assert "window.mcap: is a selection of a run (seconds 0.5 to 4.5)" in said
     assert "give the log that it was taken from" in said
     assert "`hippomat-replay LOG --clip`" in said

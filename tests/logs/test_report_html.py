@@ -25,6 +25,7 @@ from hippomat_core.config import Config
 from hippomat_core.errors import HippomatError
 from hippomat_logs.cli import main
 from hippomat_logs.manifest import run_manifest
+from hippomat_logs.metrics.fleet_tables import link_tables
 from hippomat_logs.reader import read_records
 from hippomat_logs.recorder import Recorder
 from hippomat_logs.report_html import data as shown
@@ -156,13 +157,32 @@ def test_who_never_heard_whom_and_who_never_conflicted_shows_in_the_matrices(tmp
     fleet.run(FIRST_REQUEST_S + 0.5)
     data, _ = build([fleet.write(tmp_path)])
     heard = cells_of(delivery_figure(data))
-    assert {pair for pair, value in heard.items() if value == 0} == {("1", "0")}
-    assert {("0", "1"), ("2", "0"), ("2", "1"), ("0", "2"), ("1", "2")} <= set(heard)
+    assert {pair for pair, value in heard.items() if value == 0} == {("0", "1")}
+    assert {("1", "0"), ("2", "0"), ("2", "1"), ("0", "2"), ("1", "2")} <= set(heard)
     conflicts = conflict_figure(data)
     counts = cells_of(conflicts)
     assert {pair: n for pair, n in counts.items() if n} == {("0", "1"): 1, ("1", "0"): 1}
     mapper = conflicts.select_one(LinearColorMapper)
     assert 0 < mapper.low < 1 <= mapper.high  # no conflict has no colour of the palette
+
+
+def test_delivery_is_the_same_way_round_as_the_matrices_of_metrics(tmp_path: Path) -> None:
+    fleet = RecordedFleet(3, relays=False, starts=[(0.6, 0.6), (1.3, 0.6), (4.4, 4.4)], **OPERATED)
+    fleet.delivers = lambda sender, receiver: (sender, receiver) != (0, 1)
+    fleet.run(FIRST_REQUEST_S)
+    data, _ = build([fleet.write(tmp_path)])
+    title, table = link_tables(data.metrics)[0]
+    assert title == "frames delivered [%]"
+    rows = {
+        str(cells[0]): cells[1:] for cells in zip(*(column.cells for column in table.columns), strict=True)
+    }
+    receivers = [str(column.header) for column in table.columns[1:]]
+    drawn = delivery_figure(data)
+    for (row, column), value in cells_of(drawn).items():
+        if value:  # the page shows a link on which nothing was heard, too
+            assert rows[row][receivers.index(column)] == f"{value:.1f}"
+    assert str(table.columns[0].header) == r"from \ to"
+    assert (drawn.yaxis.axis_label, drawn.xaxis.axis_label) == ("from (sender)", "to (receiver)")
 
 
 def cells_of(matrix: Any) -> dict[tuple[str, str], float]:

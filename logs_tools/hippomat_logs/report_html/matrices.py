@@ -59,7 +59,7 @@ def conflict_figure(data: ReportData) -> Any | None:
 
 
 def delivery_figure(data: ReportData) -> Any | None:
-    """Rows heard columns: share of the frames sent, median signal strength. None: nobody heard any."""
+    """Columns heard rows: share of the frames sent, median signal strength. None: nobody heard any."""
     heard = [(robot.robot, link) for robot in data.metrics.robots for link in robot.links if link.received]
     if not heard:
         return None
@@ -68,14 +68,17 @@ def delivery_figure(data: ReportData) -> Any | None:
     for receiver, sender in _deaf_pairs(data.metrics.robots):
         links.setdefault((receiver, sender), {"value": 0.0, "label": "0 %", "text": "no frame was heard"})
     cells = [
-        {"x": _named(sender), "y": _named(receiver), **cell} for (receiver, sender), cell in links.items()
+        {"x": _named(receiver), "y": _named(sender), **cell} for (receiver, sender), cell in links.items()
     ]
     senders = [_named(sender) for sender in sorted({sender for _, sender in links})]
     receivers = [_named(receiver) for receiver in sorted({receiver for receiver, _ in links})]
-    tooltips = [("@y heard @x", "@value{0.0} %"), ("", "@text")]
+    tooltips = [("@x heard @y", "@value{0.0} %"), ("", "@text")]
     low = min(90.0, *(math.floor(cell["value"] / 10) * 10.0 for cell in cells))
-    names = senders, receivers
-    return _matrix(cells, names, ("sender", "receiver"), (low, 100.0), tooltips, "delivery", "delivered [%]")
+    names, axes = (
+        (receivers, senders),
+        ("to (receiver)", "from (sender)"),
+    )  # as `hippomat-logs metrics --links`
+    return _matrix(cells, names, axes, (low, 100.0), tooltips, "delivery", "delivered [%]")
 
 
 def _link_cell(link: LinkMetrics, roomy: bool) -> dict[str, Any]:
@@ -100,7 +103,7 @@ def _matrix(
     cells: list[dict[str, Any]], names: tuple[list[str], list[str]], axes: tuple[str, str],
     limits: tuple[float, float], tooltips: list[tuple[str, str]], name: str, title: str,
 ) -> Any:  # fmt: skip
-    """cells: x, y, value, label, text of each; names: of the columns and of the rows."""
+    """cells: x, y, value, label, text of each; names and axes: of the columns and of the rows."""
     (columns, rows), (low, high) = names, limits
     for cell in cells:
         share = (cell["value"] - low) / max(high - low, 1e-9)
