@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hippomat_core.messages import NEVER_HEARD_MS
 from hippomat_core.wire.frames import OPERATOR
 from hippomat_logs.metrics import LinkMetrics, RobotMetrics
+from hippomat_logs.metrics.figures import number, over_links
 from hippomat_logs.report_html.data import ReportData
 
 PALETTE = tuple(reversed(Cividis256))  # perceptually even, the same for all colour vision (Nunez et al. 2018)
@@ -74,10 +75,8 @@ def delivery_figure(data: ReportData) -> Any | None:
     receivers = [_named(receiver) for receiver in sorted({receiver for receiver, _ in links})]
     tooltips = [("@x heard @y", "@value{0.0} %"), ("", "@text")]
     low = min(90.0, *(math.floor(cell["value"] / 10) * 10.0 for cell in cells))
-    names, axes = (
-        (receivers, senders),
-        ("to (receiver)", "from (sender)"),
-    )  # as `hippomat-logs metrics --links`
+    names = receivers, senders  # this way round in `hippomat-logs metrics --links` too
+    axes = "to (receiver)", "from (sender)"
     return _matrix(cells, names, axes, (low, 100.0), tooltips, "delivery", "delivered [%]")
 
 
@@ -150,7 +149,7 @@ def latency_figure(data: ReportData) -> Any | None:
 
 def latency_counts(data: ReportData) -> NDArray[np.int64]:
     """STATEs by time from radio to radio, in steps of LATENCY_STEP_MS, as far as fleet time was agreed on."""
-    bins = np.round(data.metrics.air_ms / LATENCY_STEP_MS).astype(np.int64)
+    bins = np.round(1e3 * data.metrics.air_ms).astype(np.int64) // round(1e3 * LATENCY_STEP_MS)
     return np.bincount(bins[(bins >= 0) & (bins < LATENCY_BINS)], minlength=1)
 
 
@@ -199,10 +198,8 @@ def _histogram(counts: NDArray[np.int64], step: float, x_label: str, y_label: st
     return plot
 
 
-def spread_text(counts: NDArray[np.int64], step: float) -> str:
-    """median and 95th percentile, for a caption."""
-    if not counts.sum():
-        return ""
-    digits = 2 if step < 0.5 else 0
-    median, high = (f"{quantile(counts, step, share):.{digits}f} ms" for share in (0.5, 0.95))
-    return f"median {median}, 95 % below {high}"
+def age_text(data: ReportData) -> str:
+    """For a caption: the mean that the metrics have, and what most rows kept to."""
+    mean_ms = number(over_links(lambda link: link.row_age_ms)(data.metrics), 0)
+    high_ms = int(quantile(data.age_counts[:NEVER_HEARD_MS], 1.0, 0.95))
+    return f"mean {mean_ms} ms, 95 % within {high_ms} ms"
