@@ -18,7 +18,7 @@ from recorded_run import record_run
 from report_samples import CONFIRMED, REQUESTED, SERVED_FROM, pose_of, write_fleet
 
 from hippomat_core import messages as m
-from hippomat_core.config import Config
+from hippomat_core.config import Config, RobotConfig
 from hippomat_core.errors import HippomatError
 from hippomat_logs.cli import main
 from hippomat_logs.manifest import run_manifest
@@ -141,6 +141,19 @@ def test_a_run_in_which_nothing_happened_says_so(tmp_path: Path, caplog: pytest.
     assert events_figure(data, time_range(data)) is None
     assert "nobody stuck" in render(data, "0")
     assert caplog.messages == []  # Bokeh complains of figures with nothing in them
+
+
+def test_that_the_core_has_changed_since_is_no_alarm(tmp_path: Path) -> None:
+    config = Config(robot=RobotConfig(id=0))
+    manifest = {**run_manifest(config, session_id="5e551011"), "core_hash": "0" * 16}
+    recorder = Recorder(tmp_path, manifest, config=config, wall_ns=WALL_NS, stamp_ns=START_NS)
+    recorder.put(START_NS, m.Started(START_NS))
+    recorder.close()
+    data, _ = build([tmp_path])
+    (replay,) = [fact for fact in data.facts if fact.name == "Replay"]
+    assert not replay.bad
+    assert replay.text.startswith("whole, with its weights: hippomat-replay tells")
+    assert data.warnings == []
 
 
 def test_texts_of_a_log_are_never_html(tmp_path: Path) -> None:
