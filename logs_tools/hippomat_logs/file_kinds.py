@@ -41,7 +41,7 @@ class Kind(Enum):
     ROS2_BAG = "the directory of a ROS 2 bag"
     EMPTY = "an empty file"
     TEXT = "a text file"
-    OTHER = "neither text nor any log"
+    OTHER = "a file of unknown kind"
 
 
 _LOGS = (Kind.OURS, Kind.MERGED, Kind.MCAP, Kind.BAG, Kind.DB3, Kind.ROS2_BAG)
