@@ -45,7 +45,8 @@ class Examination:
     """One file's faults, in the order found; equal ones are counted."""
 
     path: Path
-    records: int = 0
+    records: int = 0  # of anybody else's log: messages
+    views: int = 0  # messages on standard topics, which the recorder made of records (derived.py)
     robot: str = ""
     session: str = ""
     part: int = 0
@@ -101,6 +102,7 @@ def _examine_fused(path: Path, found: Examination) -> None:
         try:
             run = open_again([path], inside)
             found.records += sum(1 for _ in run.records_in_order())
+            found.views += run.views
         except LogError as error:
             text = str(error).removeprefix(f"{path}: ")
             found.add(DAMAGE, f"{inside.strip('/')}: {text}; fuse the robots' own logs again")
@@ -147,7 +149,9 @@ def _examine_records(
         if expected is None:
             expected = int(contents.manifest.get("first_record", "1"))
         if raw.topic not in CLASSES:
-            if raw.topic not in DERIVED:
+            if raw.topic in DERIVED:
+                found.views += 1
+            else:
                 found.add(LOSS, f"record {raw.number} is on {raw.topic}, which this version does not know")
             continue
         found.records += 1

@@ -1,14 +1,14 @@
 """What a path is, by its bytes and not by its name: one rule for what no command, or not this one, can use.
 
-What is missing, no log, or no log of ours where a robot's own records are needed is a usage error:
-HippomatError, exit code 1. A log that is damaged is a LogError, exit code 3, of whoever reads it. Knows heads
-and tails of files.
+What is missing, no log, or no log of ours (or only a selection of one) where a robot's own records are
+needed is a usage error: HippomatError, exit code 1. A log that is damaged is a LogError, exit code 3, of
+whoever reads it. Knows heads and tails of files.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from enum import Enum
 from pathlib import Path
 
@@ -26,6 +26,10 @@ _OURS = tuple(name.encode() for name in (RUN_METADATA, FUSED_METADATA, END_METAD
 _TAKE_IT = "`hippomat-logs info`, plot, export and convert take it"
 
 
+class SelectionError(HippomatError):
+    """A selection (`hippomat-logs filter`) where a whole run is needed. Nothing in it is damaged."""
+
+
 class Kind(Enum):
     """What the bytes say; the value is for people."""
 
@@ -37,7 +41,7 @@ class Kind(Enum):
     ROS2_BAG = "the directory of a ROS 2 bag"
     EMPTY = "an empty file"
     TEXT = "a text file"
-    OTHER = "neither text nor any log"
+    OTHER = "a file of unknown kind"
 
 
 _LOGS = (Kind.OURS, Kind.MERGED, Kind.MCAP, Kind.BAG, Kind.DB3, Kind.ROS2_BAG)
@@ -128,6 +132,15 @@ def refuse_foreign(path: Path) -> None:
     else:
         remedy = _TAKE_IT if kind in _LOGS else "give a robot's own log"
     raise HippomatError(f"{path}: is no log of a hippomat daemon, but {kind.value}; {remedy}")
+
+
+def refuse_selection(path: Path, manifest: Mapping[str, str]) -> None:
+    """SelectionError for what was taken out of a log and is no run any more."""
+    if selection := manifest.get("selection"):
+        raise SelectionError(
+            f"{path}: is a selection of a run ({selection}): give the log that it was taken from; "
+            "`hippomat-replay LOG --clip` makes a small one that replays"
+        )
 
 
 def logs_among(paths: Iterable[Path]) -> tuple[list[Path], list[str]]:

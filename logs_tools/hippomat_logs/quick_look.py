@@ -26,6 +26,7 @@ CORE_POSE, DRIVE, DECIDED = (
 )
 MAP, BATTERY = "nav_msgs/msg/OccupancyGrid", "sensor_msgs/msg/BatteryState"
 INCHES, DPI = (11.0, 7.0), 110
+MARGIN = 0.03  # around the path and the known cells, of the longer side
 MOST_DRAWN = 300_000  # points; more only make the picture slow
 
 
@@ -78,30 +79,42 @@ def _seconds(run: OpenedRun, times_ns: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _path(axes: Any, run: OpenedRun, topic: str) -> None:
+    """The poses on the map, as far as its known cells and the poses go."""
+    poses = trajectory(run, topic)
+    shown_m = poses[:, 1:3]
     for name, kind in run.topics.items():
         if kind.type_name == MAP and kind.count != 0:
-            _map(axes, run, name)
+            shown_m = np.concatenate([shown_m, _map(axes, run, name)])
             break
-    poses = trajectory(run, topic)
     axes.plot(poses[:, 1], poses[:, 2], color="tab:blue", linewidth=1.4, label=topic)
     axes.plot(*poses[0, 1:3], "o", color="tab:green", label="start")
     axes.plot(*poses[-1, 1:3], "s", color="tab:red", label="end")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title="path")
-    axes.legend(loc="upper right", fontsize="small")
+    if len(shown_m := shown_m[np.isfinite(shown_m).all(axis=1)]):
+        low_m, high_m = shown_m.min(axis=0), shown_m.max(axis=0)
+        margin_m = MARGIN * max(1.0, *(high_m - low_m))
+        (left, low), (right, top) = low_m - margin_m, high_m + margin_m
+        axes.set(xlim=(left, right), ylim=(low, top))
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=3, frameon=False, fontsize="small")
 
 
-def _map(axes: Any, run: OpenedRun, topic: str) -> None:
-    """The last grid that was there: occupied dark, unknown grey."""
+def _map(axes: Any, run: OpenedRun, topic: str) -> NDArray[np.float64]:
+    """The last grid that was there: occupied dark, unknown grey. (n, 2) [m]: corners of what it knows."""
     table = run.table(topic)
     width, height = int(table["info.width"][-1]), int(table["info.height"][-1])
     if width * height == 0 or len(table["data"][-1]) != width * height:
-        return
+        return np.empty((0, 2))
     cells = table["data"][-1].reshape(height, width).astype(np.float64)
     shade = np.where(cells < 0, 0.75, 1.0 - np.clip(cells, 0, 100) / 100 * 0.85)
     left, low = table["info.origin.position.x"][-1], table["info.origin.position.y"][-1]
     resolution = float(table["info.resolution"][-1])
     extent = (left, left + width * resolution, low, low + height * resolution)
     axes.imshow(shade, cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent, interpolation="nearest")
+    known = np.argwhere(cells >= 0)[:, ::-1]  # (n, 2) ix, iy
+    if not len(known):
+        return np.empty((0, 2))
+    corners = np.stack([known.min(axis=0), known.max(axis=0) + 1])
+    return np.asarray((left, low) + resolution * corners, np.float64)
 
 
 def _speed(axes: Any, run: OpenedRun, topic: str) -> None:

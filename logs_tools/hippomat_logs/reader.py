@@ -22,7 +22,7 @@ from hippomat_core.config import Config
 from hippomat_core.errors import ConfigError, HippomatError, LogError
 from hippomat_logs.cdr_encoder import ENCAPSULATION
 from hippomat_logs.copies import each_part_once
-from hippomat_logs.file_kinds import each_once, refuse_foreign
+from hippomat_logs.file_kinds import each_once, refuse_foreign, refuse_selection
 from hippomat_logs.manifest import config_of
 from hippomat_logs.part import ChannelSpec
 from hippomat_logs.records import DropRecord, SerialRecord
@@ -92,6 +92,7 @@ class Run:
     policy: bytes = b""  # the weights that decided, as safetensors; empty where the allocator has none
     lost: list[str] = field(default_factory=list)  # one line per explained loss
     records: int = 0
+    views: int = 0  # messages on standard topics that were passed over
     recovered: bool = False  # its end is missing
     inside: str = ""  # of a fused file: the prefix of this run's topics
     store: MessageStore = field(default_factory=reading_store)
@@ -145,13 +146,14 @@ class Run:
 
     def raw_in_order(self) -> Iterator[tuple[Path, RawMessage]]:
         """The same before anything is decoded, with the part that holds it."""
-        self.records, expected = 0, 1
+        self.records, self.views, expected = 0, 0, 1
         self.lost, losses = [], Losses()
         for index, path in enumerate(self.paths):
             contents = Contents(inside=self.inside)
             for raw in read_raw(path, contents):
                 number, topic = raw.number, raw.topic
                 if topic in DERIVED:
+                    self.views += 1
                     continue
                 drop = self.decoded(path, raw).message if topic == DROPPED else None
                 first = drop.first if drop else number
@@ -322,8 +324,7 @@ def read_contents(path: Path, store: MessageStore, inside: str = "") -> tuple[Co
     records = sum(
         n for key, n in contents.counts.items() if key in channels and channels[key].topic in CLASSES
     )
-    if selection := contents.manifest.get("selection"):
-        raise LogError(f"{path}: is a selection of a run ({selection}): this needs the whole run")
+    refuse_selection(path, contents.manifest)
     for channel in contents.channels.values():
         if not is_as_here(channel, store):
             raise HippomatError(

@@ -136,14 +136,22 @@ def test_a_run_that_is_reproduced_has_nothing_to_clip(
     assert not (tmp_path / "clip.mcap").exists()
 
 
-def test_a_window_is_cut_for_looking_and_refused_by_replay(
+def test_a_window_is_cut_for_looking_and_refused_by_replay_with_what_replays_instead(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     window = tmp_path / "window.mcap"
     assert main([str(log), "--clip", str(window), "--at", "2.5"]) == 0
     assert "for looking at only" in " ".join(capsys.readouterr().out.split())
-    assert main([str(window)]) == 3
-    assert "is a selection of a run" in " ".join(capsys.readouterr().err.split())
+    assert main([str(window)]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("error: ")
+    assert said.count("\n") == 1
+    assert "window.mcap: is a selection of a run (seconds 0.5 to 4.5)" in said
+    assert "give the log that it was taken from" in said
+    assert "`hippomat-replay LOG --clip`" in said
+    assert main([str(window), "--json"]) == 1
+    (report,) = json.loads(capsys.readouterr().out)
+    assert report["results"][0]["status"] == "error"
 
 
 @pytest.mark.parametrize(

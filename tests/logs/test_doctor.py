@@ -23,6 +23,7 @@ from hippomat_logs.cli import main
 from hippomat_logs.examination import DAMAGE, LOSS, REMARK, Examination, examine
 from hippomat_logs.reader import open_runs
 from hippomat_logs.recovery import recover_directory
+from hippomat_logs.schema import DERIVED
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +35,28 @@ def test_a_whole_log_is_sound(whole: Path, capsys: pytest.CaptureFixture[str]) -
     assert examine(whole).faults == {}
     assert main(["doctor", str(whole)]) == 0
     assert "1 of 1 files are sound" in capsys.readouterr().out
+
+
+def test_doctor_and_info_count_the_same_messages(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fused = tmp_path / "fused.mcap"
+    assert main(["fuse", str(whole), "-o", str(fused)]) == 0
+    for path in (whole, fused):
+        capsys.readouterr()
+        assert main(["info", "--json", str(path)]) == 0
+        topics = json.loads(capsys.readouterr().out)["runs"][0]["topics"]
+        views = sum(topic["messages"] for name, topic in topics.items() if name in DERIVED)
+        total = sum(topic["messages"] for topic in topics.values())
+        assert main(["info", str(path)]) == 0
+        assert f", {total:,} messages" in capsys.readouterr().out
+        assert main(["doctor", str(path)]) == 0
+        said = " ".join(capsys.readouterr().out.split())
+        assert f"{total:,} messages examined: {total - views:,} records and {views:,} views" in said
+        assert main(["doctor", "--json", str(path)]) == 0
+        (file,) = json.loads(capsys.readouterr().out)["files"]
+        assert (file["messages"], file["views"]) == (total, views)
+        assert views > 0
 
 
 FAULTS: list[tuple[str, Callable[[bytes], bytes], str, str]] = [

@@ -210,3 +210,14 @@ def test_latency_of_a_fleet_is_the_mean_of_its_links_medians_wherever_it_stands(
     assert "STATE core to core: 25.0 ms (mean of the links' medians)" in lines
     assert "RSSI: -55 dBm (mean of the links' medians)" in lines
     assert (figures_of(fleet)["latency"], figures_of(fleet)["rssi"]) == (25.0, -55.0)
+
+
+def test_age_of_rows_counts_those_that_only_came_by_others_wherever_it_stands() -> None:
+    direct = LinkMetrics(1, 9, 1, -50.0, -50.0, state_age_ms=70.0, row_age_ms=20.0)
+    relayed = LinkMetrics(2, 0, 0, row_age_ms=40.0)
+    fleet = FleetMetrics([RobotMetrics(0, links=[direct, relayed])])
+    assert any(
+        "age of information: 70 ms by STATE" in line and line.endswith("30 ms in decisions")
+        for line in fleet_lines(fleet)
+    )
+    assert figures_of(fleet)["row_age"] == 30.0

@@ -42,7 +42,7 @@ NO_LOGS = {
     "notes.txt": "notes.txt: is a text file, no log",
     "notes.mcap": "notes.mcap: is a text file, no log",
     "notes.bag": "notes.bag: is a text file, no log",
-    "noise.mcap": "noise.mcap: is neither text nor any log",
+    "noise.mcap": "noise.mcap: is a file of unknown kind, no log: give an .mcap, a .bag, a .db3",
     "bag.mcap": "bag.mcap: is a ROS 1 bag: give it a name that ends in .bag",
     "pipe.mcap": "pipe.mcap: is no file but a pipe",
 }

@@ -65,7 +65,9 @@ def _with_unfinished(path: Path) -> list[Path]:
 
 def _show(found: Examination, console: Console) -> None:
     verdict = "sound" if found.sound else "[red]not sound[/red]"
-    console.print(f"[bold]{escape(found.path.name)}[/bold]: {verdict}, {found.records:,} messages examined")
+    kinds = f": {found.records:,} records and {found.views:,} views for ROS tools" if found.views else ""
+    total = f"{found.records + found.views:,} messages examined"
+    console.print(f"[bold]{escape(found.path.name)}[/bold]: {verdict}, {total}{kinds}")
     for (kind, text), count in list(found.faults.items())[:SHOWN]:
         times = f" ({count} times)" if count > 1 else ""
         console.print(f"  [{_COLOURS.get(kind, 'yellow')}]{kind:8}[/]{escape(text)}{times}")
@@ -75,4 +77,5 @@ def _show(found: Examination, console: Console) -> None:
 
 def _as_json(found: Examination) -> dict[str, Any]:
     faults = [{"kind": kind, "text": text, "times": n} for (kind, text), n in found.faults.items()]
-    return {"file": str(found.path), "sound": found.sound, "messages": found.records, "faults": faults}
+    counts = {"messages": found.records + found.views, "views": found.views}
+    return {"file": str(found.path), "sound": found.sound, **counts, "faults": faults}

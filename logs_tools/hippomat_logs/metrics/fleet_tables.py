@@ -92,11 +92,10 @@ def _link_lines(metrics: FleetMetrics) -> Iterator[str]:
     yield f"RSSI: {number(rssi_dbm(metrics), 0)} dBm{_OVER_LINKS}, worst 5 % of a link {number(low, 0)} dBm"
     in_time, relayed = number(100 * metrics.rows_in_time, 1), number(100 * metrics.rows_relayed, 1)
     yield f"rows there in time for decisions: {in_time} %, {relayed} % of them passed on by a third robot"
-    ages = [
-        number(mean(getattr(link, name) for _, link in links), 0) for name in ("state_age_ms", "row_age_ms")
-    ]
+    ages = (over_links(lambda link: link.state_age_ms), over_links(lambda link: link.row_age_ms))
+    by_state, rows = (number(age_ms(metrics), 0) for age_ms in ages)
     longest = number(most(link.longest_gap_ms for _, link in links), 0)
-    yield f"age of information: {ages[0]} ms by STATE, longest gap {longest} ms; {ages[1]} ms in decisions"
+    yield f"age of information: {by_state} ms by STATE, longest gap {longest} ms; {rows} ms in decisions"
     if metrics.latencies:
         middle = number(metrics.latency_ms, 1)
         high = number(most(one.high_ms for one in metrics.latencies), 1)

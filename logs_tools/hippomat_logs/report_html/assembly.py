@@ -268,5 +268,8 @@ def _replayable(read: Sequence[ReadLog]) -> Fact:
     if all(one.log.robot < 0 for one in read):
         return Fact("Replay", "an observer decides nothing")
     if any(one.log.manifest.get("core_hash") != core_hash() for one in read):
-        return Fact("Replay", "recorded by another version of the robot core, whose decisions may differ")
+        told = (
+            "whole, with its weights: hippomat-replay tells whether the core, changed since, decides the same"
+        )
+        return Fact("Replay", told)
     return Fact("Replay", "whole, with its weights, recorded by this version: hippomat-replay reproduces it")

@@ -13,7 +13,7 @@ from pathlib import Path
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_core.messages import Started
 from hippomat_logs.copies import each_part_once
-from hippomat_logs.file_kinds import Kind, kind_of, refuse_foreign
+from hippomat_logs.file_kinds import Kind, SelectionError, kind_of, refuse_foreign
 from hippomat_logs.lenient_walk import walk_leniently
 from hippomat_logs.metrics import KINDS as METRICS_KINDS
 from hippomat_logs.metrics import MetricsReading, RobotMetrics
@@ -130,7 +130,7 @@ def read_log(log: FoundLog, known: Collection[int]) -> ReadLog:
     try:
         run = open_again(log.paths, log.inside)
         found = _fed(log, run.records_in_order(READ), known)
-    except LogError as error:
+    except (LogError, SelectionError) as error:
         faults: list[str] = [str(error)]
         found = _fed(log, _what_is_left(log, faults), known)
         found.faults, found.whole = faults, False

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hippomat_core.messages import NEVER_HEARD_MS
 from hippomat_core.wire.frames import OPERATOR
 from hippomat_logs.metrics import LinkMetrics, RobotMetrics
+from hippomat_logs.metrics.figures import number, over_links
 from hippomat_logs.report_html.data import ReportData
 
 PALETTE = tuple(reversed(Cividis256))  # perceptually even, the same for all colour vision (Nunez et al. 2018)
@@ -59,7 +60,7 @@ def conflict_figure(data: ReportData) -> Any | None:
 
 
 def delivery_figure(data: ReportData) -> Any | None:
-    """Rows heard columns: share of the frames sent, median signal strength. None: nobody heard any."""
+    """Columns heard rows: share of the frames sent, median signal strength. None: nobody heard any."""
     heard = [(robot.robot, link) for robot in data.metrics.robots for link in robot.links if link.received]
     if not heard:
         return None
@@ -68,14 +69,15 @@ def delivery_figure(data: ReportData) -> Any | None:
     for receiver, sender in _deaf_pairs(data.metrics.robots):
         links.setdefault((receiver, sender), {"value": 0.0, "label": "0 %", "text": "no frame was heard"})
     cells = [
-        {"x": _named(sender), "y": _named(receiver), **cell} for (receiver, sender), cell in links.items()
+        {"x": _named(receiver), "y": _named(sender), **cell} for (receiver, sender), cell in links.items()
     ]
     senders = [_named(sender) for sender in sorted({sender for _, sender in links})]
     receivers = [_named(receiver) for receiver in sorted({receiver for receiver, _ in links})]
-    tooltips = [("@y heard @x", "@value{0.0} %"), ("", "@text")]
+    tooltips = [("@x heard @y", "@value{0.0} %"), ("", "@text")]
     low = min(90.0, *(math.floor(cell["value"] / 10) * 10.0 for cell in cells))
-    names = senders, receivers
-    return _matrix(cells, names, ("sender", "receiver"), (low, 100.0), tooltips, "delivery", "delivered [%]")
+    names = receivers, senders  # this way round in `hippomat-logs metrics --links` too
+    axes = "to (receiver)", "from (sender)"
+    return _matrix(cells, names, axes, (low, 100.0), tooltips, "delivery", "delivered [%]")
 
 
 def _link_cell(link: LinkMetrics, roomy: bool) -> dict[str, Any]:
@@ -100,7 +102,7 @@ def _matrix(
     cells: list[dict[str, Any]], names: tuple[list[str], list[str]], axes: tuple[str, str],
     limits: tuple[float, float], tooltips: list[tuple[str, str]], name: str, title: str,
 ) -> Any:  # fmt: skip
-    """cells: x, y, value, label, text of each; names: of the columns and of the rows."""
+    """cells: x, y, value, label, text of each; names and axes: of the columns and of the rows."""
     (columns, rows), (low, high) = names, limits
     for cell in cells:
         share = (cell["value"] - low) / max(high - low, 1e-9)
@@ -147,7 +149,7 @@ def latency_figure(data: ReportData) -> Any | None:
 
 def latency_counts(data: ReportData) -> NDArray[np.int64]:
     """STATEs by time from radio to radio, in steps of LATENCY_STEP_MS, as far as fleet time was agreed on."""
-    bins = np.round(data.metrics.air_ms / LATENCY_STEP_MS).astype(np.int64)
+    bins = np.round(1e3 * data.metrics.air_ms).astype(np.int64) // round(1e3 * LATENCY_STEP_MS)
     return np.bincount(bins[(bins >= 0) & (bins < LATENCY_BINS)], minlength=1)
 
 
@@ -196,10 +198,8 @@ def _histogram(counts: NDArray[np.int64], step: float, x_label: str, y_label: st
     return plot
 
 
-def spread_text(counts: NDArray[np.int64], step: float) -> str:
-    """median and 95th percentile, for a caption."""
-    if not counts.sum():
-        return ""
-    digits = 2 if step < 0.5 else 0
-    median, high = (f"{quantile(counts, step, share):.{digits}f} ms" for share in (0.5, 0.95))
-    return f"median {median}, 95 % below {high}"
+def age_text(data: ReportData) -> str:
+    """For a caption: the mean that the metrics have, and what most rows kept to."""
+    mean_ms = number(over_links(lambda link: link.row_age_ms)(data.metrics), 0)
+    high_ms = int(quantile(data.age_counts[:NEVER_HEARD_MS], 1.0, 0.95))
+    return f"mean {mean_ms} ms, 95 % within {high_ms} ms"

@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from hippomat_core.errors import HippomatError
-from hippomat_logs.metrics.fleet_tables import fleet_lines, metrics_table
+from hippomat_logs.metrics.fleet_tables import fleet_lines, metrics_table, spread
 from hippomat_logs.report_html import look
 from hippomat_logs.report_html.data import PHASES, ReportData, RobotView
 from hippomat_logs.report_html.tables import MOST_ROWS, alarm_rows, metrics_html
@@ -70,8 +70,8 @@ def render(data: ReportData, version: str) -> str:
         alarms=alarm_rows(data),
         conflicts=data.conflicts[:MOST_ROWS],
         no_conflict=_no_conflict(data),
-        latency_text=matrices.spread_text(matrices.latency_counts(data), matrices.LATENCY_STEP_MS),
-        age_text=matrices.spread_text(data.age_counts[:-1], 1.0),
+        latency_text=spread(data.metrics.air_ms, 2, "ms"),
+        age_text=matrices.age_text(data),
     )
 
 
