@@ -15,12 +15,12 @@ from pathlib import Path
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.file_kinds import refuse_foreign, refuse_missing
 from hippomat_logs.lenient_walk import walk_leniently
-from hippomat_logs.part import RECOVERY_METADATA, PartWriter, our_channels
+from hippomat_logs.named_gaps import NamedGaps
+from hippomat_logs.part import END_METADATA, RECOVERY_METADATA, PartWriter, our_channels
 from hippomat_logs.reader import mapped, read_raw, reading_store, runs_inside
-from hippomat_logs.records import DropRecord
-from hippomat_logs.schema import CLASSES, TOPICS, MessageStore
+from hippomat_logs.schema import CLASSES, MessageStore
 from hippomat_logs.sink import ACTIVE, FileSink, sync_directory
-from hippomat_logs.walk import Contents, RawMessage, counted_inside
+from hippomat_logs.walk import Contents, counted_inside
 
 RECOVERING = ".recovering"
 DAMAGED = ".damaged"
@@ -180,6 +180,7 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
     recovering = path.parent / (name + RECOVERING)
     recovering.unlink(missing_ok=True)  # of a recovery that was itself killed
     contents, kept = lenient_contents(store), 0
+    gaps = NamedGaps(contents, store)
     writer: PartWriter | None = None
     topics: set[str] = set()
 
@@ -194,7 +195,7 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
 
     with mapped(path) as data:
         try:
-            for raw in _numbered(walk_leniently(data, contents), contents, store):
+            for raw in gaps.filled(walk_leniently(data, contents)):
                 if not contents.manifest:  # it stands before all records: nobody could say whose these are
                     break
                 writer = writer or opened()
@@ -209,13 +210,18 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
                 writer = opened()
             if writer is not None:
                 unverified = {"unverified": str(contents.unverified)} if contents.unverified else {}
-                writer.finish(RECOVERY_METADATA, {"damage": _shown(contents), **unverified})
+                told = {"damage": _shown(contents), **unverified}
+                if gaps.end:
+                    writer.add_facts(RECOVERY_METADATA, told)
+                    writer.finish(END_METADATA, gaps.end)
+                else:
+                    writer.finish(RECOVERY_METADATA, told)
         except OSError:
             if writer is not None:
                 writer.sink.abandon()
             recovering.unlink(missing_ok=True)  # no room for it; the original stays
             raise
-    return kept, contents
+    return kept - gaps.made, contents
 
 
 def lenient_contents(store: MessageStore) -> Contents:
@@ -229,27 +235,3 @@ def _shown(contents: Contents) -> str:
     if contents.unverified:
         shown.append(f"its last {contents.unverified} messages were saved without a checksum")
     return "; ".join([*shown, *([f"and {more} more"] if more > 0 else [])])
-
-
-def _numbered(raws: Iterator[RawMessage], contents: Contents, store: MessageStore) -> Iterator[RawMessage]:
-    """Messages with a drop record wherever a bad chunk has left a gap; stops at what does not decode."""
-    expected: int | None = None
-    for raw in raws:
-        if raw.topic not in CLASSES:
-            yield raw
-            continue
-        expected = int(contents.manifest.get("first_record", "1")) if expected is None else expected
-        try:
-            message = store.decode(CLASSES[raw.topic], raw.data)
-        except Exception as error:
-            contents.damage.append(f"record {raw.number} does not decode: {error}")
-            return
-        first = message.first if isinstance(message, DropRecord) else raw.number
-        if first < expected:
-            contents.damage.append(f"record {raw.number} follows record {expected - 1}")
-            return
-        if first > expected:
-            drop = DropRecord(expected, first - 1, "the chunk that held them is damaged")
-            yield RawMessage(first - 1, raw.log_time_ns, TOPICS[DropRecord], store.encode(drop))
-        expected = raw.number + 1
-        yield raw
