@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -26,13 +25,13 @@ from hippomat_logs.commands import (
     make_map,
     metrics,
     plot,
+    recover,
     report,
     select,
 )
 from hippomat_logs.outputs import RULE
-from hippomat_logs.recovery import recover, unfinished
+from hippomat_logs.recovery import unfinished
 from hippomat_logs.replay_arguments import Parser
-from hippomat_logs.report import REPRODUCED
 from hippomat_logs.terminal import Terminal
 
 _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] = (
@@ -79,6 +78,12 @@ _COMMANDS: tuple[tuple[str, Callable[..., None], Callable[..., int], str], ...] 
         "a fleet's run as one HTML page: animated map, time bars, radio",
     ),
     ("plot", plot.add_options, plot.run, "a picture: path, speed, battery, rounds; or scans from above"),
+    (
+        "recover",
+        recover.add_options,
+        recover.run,
+        "make logs of what a dead daemon left, and of damaged ones",
+    ),
 )
 
 
@@ -121,16 +126,7 @@ def parser() -> Parser:
 
     for name, add_options, run, text in _COMMANDS:
         add_options(add(name, text, run))
-    rescue = add("recover", "make logs of what a dead daemon left, and of damaged ones", _recover)
-    rescue.add_argument("paths", nargs="+", type=Path, metavar="PATH", help="directories or files")
     return made
-
-
-def _recover(options: argparse.Namespace, console: Console) -> int:
-    lines = [line for path in options.paths for line in recover(path)]
-    for line in lines or ["nothing to recover"]:
-        console.print(line, markup=False)
-    return REPRODUCED
 
 
 if __name__ == "__main__":

@@ -213,10 +213,10 @@ def _examine_facts(path: Path, contents: Contents, found: Examination) -> None:
     whole = not manifest.get("recovered") and not manifest.get("selection")
     if not end and whole and not path.name.endswith(ACTIVE):
         found.add(LOSS, "has no end mark, and no recovery accounts for it")
-    if manifest.get("recovered"):
+    if manifest.get("recovered") and not end:
         found.add(LOSS, ENDED_EARLY)
-    if damage := contents.recovery.get("damage"):
-        found.add(LOSS, f"when it was recovered: {damage}")
+    if damage := contents.recovery.get("damage"):  # where there is an end mark, drop records say what is lost
+        found.add(REMARK if end else LOSS, f"when it was recovered: {damage}")
     if manifest.get("selection"):
         found.add(REMARK, f"a selection of a run: {manifest['selection']}")
     if int(end.get("worst_sync_ms", "0")) > SLOW_SYNC_MS:

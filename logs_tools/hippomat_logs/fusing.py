@@ -60,8 +60,9 @@ def fuse(
             placing.write(placed)
             if writer.messages % BATCH == 0:
                 progress(placing.records)
-        for name, (kind, facts), span_ns in zip(names, ends, placing.spans_ns, strict=True):
-            writer.facts(kind + name, facts)
+        for name, marks, span_ns in zip(names, ends, placing.spans_ns, strict=True):
+            for kind, facts in marks.items():
+                writer.facts(kind + name, facts)
             writer.facts(SPAN_METADATA + name, {"first_ns": str(span_ns[0]), "last_ns": str(span_ns[1])})
         writer.finish()
     return held
@@ -79,8 +80,8 @@ def prefixes(runs: Sequence[Run]) -> list[str]:
     return made
 
 
-def _write_head(writer: LogWriter, run: Run, name: str) -> tuple[str, dict[str, str]]:
-    """Manifest and attachments; the mark that the run shall end with."""
+def _write_head(writer: LogWriter, run: Run, name: str) -> dict[str, dict[str, str]]:
+    """Manifest and attachments; the marks that the run shall end with, by their names."""
     parts = [_facts(path, run.inside) for path in run.paths]
     last = parts[-1]
     manifest = {**run.manifest, NAME_KEY: run.name}
@@ -91,7 +92,8 @@ def _write_head(writer: LogWriter, run: Run, name: str) -> tuple[str, dict[str, 
     attachments = {key: data for part in reversed(parts) for key, data in part.attachments.items()}
     for key, data in attachments.items():
         writer.attach(f"{name.strip('/')}/{key}", data)
-    return (END_METADATA, last.end) if last.end else (RECOVERY_METADATA, last.recovery)
+    marks = {RECOVERY_METADATA: last.recovery, END_METADATA: last.end}
+    return {kind: facts for kind, facts in marks.items() if facts}
 
 
 def _facts(path: Path, inside: str) -> Contents:

@@ -14,7 +14,7 @@ import zstandard
 
 from hippomat_core.errors import LogError
 from hippomat_logs.mcap_writer import ATTACHMENT, CHUNK, DATA_END, HEADER, MAGIC, MESSAGE_INDEX, METADATA
-from hippomat_logs.part import RUN_METADATA
+from hippomat_logs.part import END_METADATA, RUN_METADATA
 from hippomat_logs.walk import (
     MAX_CHUNK_BYTES,
     PREFIX,
@@ -72,26 +72,27 @@ def _damaged_chunk(data: memoryview, at: int, contents: Contents, why: str) -> I
 def _next_place(data: memoryview, at: int, contents: Contents) -> int | None:
     """Where to go on: behind the damaged record if its frame makes sense.
 
-    Never past a chunk, nor past the run's manifest while that is not known.
+    Never past a chunk or the end mark, nor past the run's manifest while that is not known.
     """
-    chunk = _found(data, _CHUNK_MARK, at + 1, _MARK_OFFSET)
-    if not contents.manifest:
-        name = (RUN_METADATA + contents.inside).encode()
-        manifest = _found(data, struct.pack("<I", len(name)) + name, at + 1, PREFIX.size)
-        chunk = min((place for place in (chunk, manifest) if place is not None), default=None)
+    place = _found(data, _CHUNK_MARK, at + 1, len(data), _MARK_OFFSET)
+    for name in (END_METADATA, RUN_METADATA)[: 1 if contents.manifest else 2]:
+        text = (name + contents.inside).encode()
+        end = len(data) if place is None else place
+        nearer = _found(data, struct.pack("<I", len(text)) + text, at + 1, end, PREFIX.size)
+        place = place if nearer is None else nearer
     if len(data) - at >= 9:
         opcode, length = PREFIX.unpack_from(data, at)
         behind = at + 9 + length
-        if opcode in _OPCODES and behind < len(data) and (chunk is None or behind <= chunk):
+        if opcode in _OPCODES and behind < len(data) and (place is None or behind <= place):
             return int(behind)
-    return chunk
+    return place
 
 
-def _found(data: memoryview, mark: bytes, start: int, offset: int) -> int | None:
-    """Where the first record from `start` on begins that has these bytes `offset` behind its beginning."""
+def _found(data: memoryview, mark: bytes, start: int, end: int, offset: int) -> int | None:
+    """Where the first record in data[start:end] begins that has these bytes `offset` behind its beginning."""
     whole = data.obj
     assert isinstance(whole, (bytes, mmap.mmap))
-    at = whole.find(mark, start + offset)
+    at = whole.find(mark, start + offset, end + offset + len(mark))
     return None if at < 0 else at - offset
 
 

@@ -21,7 +21,9 @@ GAP_METADATA = "hippomat.gap"
 GAP_BYTES = 4096  # a bad block of a disk must not reach both
 POLICY_ATTACHMENT = "policy.safetensors"  # behind the manifest, where the allocator has weights
 END_METADATA = "hippomat.end"  # last of a part that was finished
-RECOVERY_METADATA = "hippomat.recovery"  # last of a part that was recovered: what it lost
+RECOVERY_METADATA = (
+    "hippomat.recovery"  # of a part that was recovered: what it lost; last if that was its end
+)
 FUSED_METADATA = "hippomat.fused"  # first of a file that holds several runs: "runs" names their prefixes
 MERGED_METADATA = "hippomat.merged"  # first of one that holds several side by side: their files
 SPAN_METADATA = "hippomat.span"  # of each run in it: its first and last own log time
@@ -108,9 +110,9 @@ class PartWriter:
         self.sink = sink
         self._writer = McapWriter(sink, "ros2", f"hippomat {package_version()}", chunk_bytes, level)
         facts = {**manifest, CHANNELS_KEY: channels_crc32(channels)}
-        self._add_facts(RUN_METADATA, facts)
-        self._add_facts(GAP_METADATA, {"": " " * GAP_BYTES})
-        self._add_facts(RUN_METADATA, facts)  # nothing can be read without it, so one copy may be damaged
+        self.add_facts(RUN_METADATA, facts)
+        self.add_facts(GAP_METADATA, {"": " " * GAP_BYTES})
+        self.add_facts(RUN_METADATA, facts)  # nothing can be read without it, so one copy may be damaged
         wall_ns = int(manifest.get("started_ns", "0")) + int(manifest.get("wall_offset_ns", "0"))
         for name, data in attachments.items():
             self._writer.add_attachment(wall_ns, name, "application/octet-stream", data)
@@ -144,9 +146,10 @@ class PartWriter:
 
     def finish(self, name: str, facts: Mapping[str, str]) -> None:
         """name: END_METADATA or RECOVERY_METADATA."""
-        self._add_facts(name, facts)
+        self.add_facts(name, facts)
         self._writer.finish()
         self.sink.finish()
 
-    def _add_facts(self, name: str, facts: Mapping[str, str]) -> None:
+    def add_facts(self, name: str, facts: Mapping[str, str]) -> None:
+        """Metadata behind what was added so far."""
         self._writer.add_metadata(name, {**facts, "crc32": facts_crc32(facts)})

@@ -9,63 +9,77 @@ import fcntl
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
 from hippomat_logs.file_kinds import refuse_foreign, refuse_missing
 from hippomat_logs.lenient_walk import walk_leniently
-from hippomat_logs.part import RECOVERY_METADATA, PartWriter, our_channels
+from hippomat_logs.named_gaps import NamedGaps
+from hippomat_logs.part import END_METADATA, RECOVERY_METADATA, PartWriter, our_channels
 from hippomat_logs.reader import mapped, read_raw, reading_store, runs_inside
-from hippomat_logs.records import DropRecord
-from hippomat_logs.schema import CLASSES, TOPICS, MessageStore
+from hippomat_logs.schema import CLASSES, MessageStore
 from hippomat_logs.sink import ACTIVE, FileSink, sync_directory
-from hippomat_logs.walk import Contents, RawMessage
+from hippomat_logs.walk import Contents, counted_inside
 
 RECOVERING = ".recovering"
 DAMAGED = ".damaged"
 SHOWN = 5  # places of damage that are named
 
 
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of one log, for people; stays_damaged: no readable log was made of it."""
+
+    line: str
+    stays_damaged: bool = False
+
+
 def recover_directory(directory: Path | str) -> list[str]:
     """Recover every NAME.mcap.active in `directory` that no live process owns; one line for each."""
-    lines: list[str] = []
-    store: MessageStore | None = None
-    for path in sorted(Path(directory).glob(f"*.mcap{ACTIVE}")):
-        store = store or reading_store()
+    return [outcome.line for outcome in _recover_unfinished(Path(directory))]
+
+
+def _recover_unfinished(directory: Path) -> Iterator[Outcome]:
+    for path in sorted(directory.glob(f"*.mcap{ACTIVE}")):
         try:
-            lines.append(recover_active(path, store))
+            yield recover_active(path, reading_store())
         except OSError as error:
-            lines.append(f"{path.name}: not recovered: {error.strerror or error}")
-    return lines
+            yield _not_recovered(path.name, error)
 
 
-def recover(path: Path | str) -> list[str]:
+def _not_recovered(name: str, error: OSError) -> Outcome:
+    return Outcome(f"{name}: not recovered: {error.strerror or error}", stays_damaged=True)
+
+
+def recover(path: Path | str) -> list[Outcome]:
     """`hippomat-logs recover`: a directory, a NAME.mcap.active, or a damaged NAME.mcap."""
     path = Path(path)
     refuse_missing(path)
     if path.is_dir():  # however deep: wherever the other commands look for logs
         directories = sorted({path, *(left.parent for left in path.rglob(f"*.mcap{ACTIVE}"))})
-        lines = [line for directory in directories for line in recover_directory(directory)]
-        return lines + _recover_damaged(path)
+        unfinished_ones = [one for directory in directories for one in _recover_unfinished(directory)]
+        return unfinished_ones + list(_recover_damaged(path))
     refuse_foreign(path)
     if path.name.endswith(ACTIVE):
         return [recover_active(path, reading_store())]
     return [_recover_finished(path, reading_store())]
 
 
-def _recover_damaged(directory: Path) -> list[str]:
+def _recover_damaged(directory: Path) -> Iterator[Outcome]:
     """The finished logs in it that are ours and not whole; whole ones are not worth a line."""
-    lines: list[str] = []
     for path in sorted(directory.rglob("*.mcap")):
         try:
             refuse_foreign(path)
-            if not runs_inside(path) and not _is_whole(path):
-                lines.append(_replaced(path, reading_store()))
-        except LogError as error:  # nothing can be made of it: the line says why
-            lines.append(str(error))
         except HippomatError:
-            continue  # not ours, or its original was set aside before
-    return lines
+            continue  # somebody else's
+        try:
+            if not _is_whole(path):
+                yield _replaced(path, reading_store())
+        except OSError as error:
+            yield _not_recovered(str(path), error)
+        except HippomatError as error:  # nothing was made of it: the line says why
+            yield Outcome(str(error), stays_damaged=True)
 
 
 def unfinished(paths: Iterable[Path]) -> list[str]:
@@ -79,15 +93,15 @@ def unfinished(paths: Iterable[Path]) -> list[str]:
     return lines
 
 
-def recover_active(path: Path, store: MessageStore) -> str:
-    """Rewrite one part that was never finished; the line says what came of it."""
+def recover_active(path: Path, store: MessageStore) -> Outcome:
+    """Rewrite one part that was never finished."""
     with _owned(path) as fd:
         if fd is None:
-            return f"{path.name}: being recorded by a live process, left alone"
+            return Outcome(f"{path.name}: being recorded by a live process, left alone")
         name = path.name.removesuffix(ACTIVE)
         if os.fstat(fd).st_size == 0:
             path.unlink()
-            return f"{path.name}: empty, removed"
+            return Outcome(f"{path.name}: empty, removed")
         if (path.parent / name).exists():
             return _set_aside(path, f"{name} exists already")
         kept, contents = _rewrite(path, name, store)
@@ -96,36 +110,39 @@ def recover_active(path: Path, store: MessageStore) -> str:
         if contents.damage:
             _set_aside(path, "")
             what = _shown(contents)
-            return f"{name}: recovered, {kept} records kept; {what}; original in {name}{DAMAGED}"
+            return Outcome(f"{name}: recovered, {kept} records kept; {what}; original in {name}{DAMAGED}")
         path.unlink()
         sync_directory(path.parent)
-        return f"{name}: recovered, {kept} records kept"
+        return Outcome(f"{name}: recovered, {kept} records kept")
 
 
-def _recover_finished(path: Path, store: MessageStore) -> str:
+def _recover_finished(path: Path, store: MessageStore) -> Outcome:
     """Of a damaged log the recovered one takes the name, so that all that reads the directory finds it."""
-    if runs_inside(path):
-        raise HippomatError(f"{path}: is a fused file: recover the robots' own logs, and fuse them again")
-    if _is_whole(path):
-        return f"{path.name}: whole, nothing to do"
+    if not runs_inside(path) and _is_whole(path):
+        return Outcome(f"{path.name}: whole, nothing to do")
     return _replaced(path, store)
 
 
 def _is_whole(path: Path) -> bool:
+    inside = next(iter(runs_inside(path)), "")
     try:
-        for _ in read_raw(path, Contents()):
+        for _ in read_raw(path, Contents(inside=inside), counted_inside):
             pass
     except LogError:
         return False
     return True
 
 
-def _replaced(path: Path, store: MessageStore) -> str:
+def _replaced(path: Path, store: MessageStore) -> Outcome:
+    if runs_inside(path):
+        raise HippomatError(f"{path}: is a fused file: recover the robots' own logs, and fuse them again")
     original = path.with_name(path.name + DAMAGED)
     recovered = path.with_name(path.name.removesuffix(".mcap") + ".recovered.mcap")
     for one in (original, recovered):
         if one.exists():
-            raise HippomatError(f"{one} exists already; move it away first")
+            raise LogError(
+                f"{path}: is damaged and was not recovered: {one} exists already; move it away first"
+            )
     kept, contents = _rewrite(path, recovered.name, store)
     if not contents.manifest:
         raise LogError(f"{path}: holds no run manifest of ours that can be read, so nothing was made of it")
@@ -133,7 +150,7 @@ def _replaced(path: Path, store: MessageStore) -> str:
     recovered.rename(path)
     sync_directory(path.parent)
     what = _shown(contents) or "all chunks whole"
-    return f"{path.name}: recovered, {kept} records kept; {what}; original in {original.name}"
+    return Outcome(f"{path.name}: recovered, {kept} records kept; {what}; original in {original.name}")
 
 
 @contextmanager
@@ -151,11 +168,11 @@ def _owned(path: Path) -> Iterator[int | None]:
         os.close(fd)
 
 
-def _set_aside(path: Path, why: str) -> str:
+def _set_aside(path: Path, why: str) -> Outcome:
     target = path.with_name(path.name.removesuffix(ACTIVE) + DAMAGED)
     path.rename(target)
     sync_directory(path.parent)
-    return f"{path.name}: {why}; kept as {target.name}"
+    return Outcome(f"{path.name}: {why}; kept as {target.name}", stays_damaged=True)
 
 
 def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]:
@@ -163,6 +180,7 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
     recovering = path.parent / (name + RECOVERING)
     recovering.unlink(missing_ok=True)  # of a recovery that was itself killed
     contents, kept = lenient_contents(store), 0
+    gaps = NamedGaps(contents, store)
     writer: PartWriter | None = None
     topics: set[str] = set()
 
@@ -177,7 +195,7 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
 
     with mapped(path) as data:
         try:
-            for raw in _numbered(walk_leniently(data, contents), contents, store):
+            for raw in gaps.filled(walk_leniently(data, contents)):
                 if not contents.manifest:  # it stands before all records: nobody could say whose these are
                     break
                 writer = writer or opened()
@@ -192,13 +210,18 @@ def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]
                 writer = opened()
             if writer is not None:
                 unverified = {"unverified": str(contents.unverified)} if contents.unverified else {}
-                writer.finish(RECOVERY_METADATA, {"damage": _shown(contents), **unverified})
+                told = {"damage": _shown(contents), **unverified}
+                if gaps.end:
+                    writer.add_facts(RECOVERY_METADATA, told)
+                    writer.finish(END_METADATA, gaps.end)
+                else:
+                    writer.finish(RECOVERY_METADATA, told)
         except OSError:
             if writer is not None:
                 writer.sink.abandon()
             recovering.unlink(missing_ok=True)  # no room for it; the original stays
             raise
-    return kept, contents
+    return kept - gaps.made, contents
 
 
 def lenient_contents(store: MessageStore) -> Contents:
@@ -212,27 +235,3 @@ def _shown(contents: Contents) -> str:
     if contents.unverified:
         shown.append(f"its last {contents.unverified} messages were saved without a checksum")
     return "; ".join([*shown, *([f"and {more} more"] if more > 0 else [])])
-
-
-def _numbered(raws: Iterator[RawMessage], contents: Contents, store: MessageStore) -> Iterator[RawMessage]:
-    """Messages with a drop record wherever a bad chunk has left a gap; stops at what does not decode."""
-    expected: int | None = None
-    for raw in raws:
-        if raw.topic not in CLASSES:
-            yield raw
-            continue
-        expected = int(contents.manifest.get("first_record", "1")) if expected is None else expected
-        try:
-            message = store.decode(CLASSES[raw.topic], raw.data)
-        except Exception as error:
-            contents.damage.append(f"record {raw.number} does not decode: {error}")
-            return
-        first = message.first if isinstance(message, DropRecord) else raw.number
-        if first < expected:
-            contents.damage.append(f"record {raw.number} follows record {expected - 1}")
-            return
-        if first > expected:
-            drop = DropRecord(expected, first - 1, "the chunk that held them is damaged")
-            yield RawMessage(first - 1, raw.log_time_ns, TOPICS[DropRecord], store.encode(drop))
-        expected = raw.number + 1
-        yield raw

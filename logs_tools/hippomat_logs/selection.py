@@ -157,7 +157,7 @@ def _write_end(writer: LogWriter, run: OpenedRun, last: int, cut: bool) -> None:
     ends = final.file.metadata if isinstance(final, McapSource) else {}
     if cut:
         writer.facts(END_METADATA, {"last_record": str(last), "final": "yes"})
-    elif END_METADATA in ends:
-        writer.facts(END_METADATA, ends[END_METADATA])
-    elif RECOVERY_METADATA in ends:
-        writer.facts(RECOVERY_METADATA, ends[RECOVERY_METADATA])
+        return
+    for name in (RECOVERY_METADATA, END_METADATA):
+        if name in ends:
+            writer.facts(name, ends[name])

@@ -281,6 +281,8 @@ def metadata_of(body: memoryview, at: int) -> tuple[str, dict[str, str]]:
     crc = pairs.pop("crc32", None)
     if crc is not None and crc != facts_crc32(pairs):
         raise LogError(f"metadata {name} at byte {at}: wrong checksum")
+    if crc is None and name.partition("/")[0] == END_METADATA:  # a recovery believes it, file checksum or not
+        raise LogError(f"metadata {name} at byte {at}: carries no checksum, as every end mark of ours does")
     check_facts(name, pairs)
     return name, pairs
 

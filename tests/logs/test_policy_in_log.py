@@ -79,7 +79,7 @@ def test_they_survive_a_recovery(tmp_path: Path):
     path.unlink()
     recover_directory(tmp_path)
     (run,) = open_runs([tmp_path])
-    assert run.recovered or run.manifest["recovered"] == "yes"
+    assert run.manifest["recovered"] == "yes"
     assert run.policy == weights(1)
 
 
@@ -112,7 +112,7 @@ def test_damaged_weights_cost_a_recovery_none_of_the_records_behind_them(tmp_pat
     assert {result.level: result.status for result in report.results} == {
         "L0": NOT_WHOLE, "L1": OK, "L2": NOT_RUN, "daemon": NOT_RUN,
     }  # fmt: skip
-    assert "the weights that decided are lost" in report.results[0].notes[0]
+    assert "the weights that decided are lost" in report.results[0].detail
     assert report.exit_code == 3
 
 

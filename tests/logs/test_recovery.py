@@ -15,7 +15,7 @@ import pytest
 from fused_lab import write_fleet
 from log_samples import START_NS, new_recorder
 from mcap.writer import Writer
-from recorded_run import RecordedRun, record_run
+from recorded_run import RecordedRun, record_run, recorded_log
 
 from hippomat_core import messages as m
 from hippomat_core.errors import HippomatError
@@ -182,12 +182,13 @@ def test_a_damaged_finished_log_gives_its_name_to_the_recovered_one(tmp_path: Pa
     data = bytearray(path.read_bytes())
     data[-40] ^= 1
     path.write_bytes(data)
-    (line,) = recover(path)
-    assert "kept" in line
+    (outcome,) = recover(path)
+    assert "kept" in outcome.line
+    assert not outcome.stays_damaged
     original = path.with_name(path.name + ".damaged")
     assert original.read_bytes() == data
     assert sum(1 for _ in read_records(path)) > 100
-    assert "whole, nothing to do" in recover(path)[0]
+    assert "whole, nothing to do" in recover(path)[0].line
     assert recover(tmp_path) == []
     path.write_bytes(data)
     with pytest.raises(HippomatError, match=r"damaged exists already"):
@@ -211,7 +212,7 @@ def test_a_directory_is_recovered_damaged_logs_included_and_is_then_read_by_all(
         writer.finish()
     assert logs(["info", str(tmp_path)]) == 3
     assert "was never finished, and is left out: `hippomat-logs recover" in capsys.readouterr().err
-    lines = recover(tmp_path)
+    lines = [outcome.line for outcome in recover(tmp_path)]
     assert len([line for line in lines if "recovered" in line]) == len(lines) == 2, lines
     for robot in ("robot0", "robot1", "robot2"):
         (path,) = (tmp_path / robot).glob("*.mcap")
@@ -235,8 +236,8 @@ def test_a_bad_block_of_the_disk_does_not_reach_both_manifests(tmp_path: Path, b
     data[4096 * block : 4096 * (block + 1)] = bytes(4096)
     path.with_name(path.name + ".active").write_bytes(data)
     path.unlink()
-    (line,) = recover(tmp_path)
-    assert f"recovered, {records} records kept" in line
+    (outcome,) = recover(tmp_path)
+    assert f"recovered, {records} records kept" in outcome.line
 
 
 def test_a_log_without_any_manifest_is_kept_aside_and_nothing_is_made_of_it(tmp_path: Path) -> None:
@@ -246,9 +247,56 @@ def test_a_log_without_any_manifest_is_kept_aside_and_nothing_is_made_of_it(tmp_
     data[0:16384] = bytes(16384)
     path.with_name(path.name + ".active").write_bytes(data)
     path.unlink()
-    (line,) = recover(tmp_path)
-    assert "its run manifest cannot be read, so nothing was made of it; kept as" in line
+    (outcome,) = recover(tmp_path)
+    assert "its run manifest cannot be read, so nothing was made of it; kept as" in outcome.line
+    assert outcome.stays_damaged
     assert [one.name for one in tmp_path.iterdir()] == [path.name + ".damaged"]
+
+
+def flip_near_the_end(path: Path) -> bytes:
+    """Damages the summary; every record stays readable."""
+    data = bytearray(path.read_bytes())
+    data[-40] ^= 1
+    path.write_bytes(data)
+    return bytes(data)
+
+
+def test_a_damaged_log_whose_original_was_set_aside_before_is_named_and_the_others_are_recovered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, other = (recorded_log(tmp_path / robot, ticks=5) for robot in ("robot0", "robot1"))
+    first.with_name(first.name + ".damaged").write_bytes(b"of an earlier recovery")
+    damaged = flip_near_the_end(first)
+    flip_near_the_end(other)
+    assert logs(["recover", str(tmp_path)]) == 3
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"{first}: is damaged and was not recovered: {first}.damaged exists already; move it" in said
+    assert f"{other.name}: recovered" in said
+    assert first.read_bytes() == damaged
+    assert sum(1 for _ in read_records(other)) > 10
+    assert logs(["recover", str(first)]) == 3
+    assert "exists already; move it away first" in " ".join(capsys.readouterr().err.split())
+
+
+def test_recover_ends_with_3_where_a_log_stays_damaged_and_still_does_the_other_paths(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "x_000.mcap.active").write_bytes(b"no log at all")
+    other = recorded_log(tmp_path / "b", ticks=5)
+    assert logs(["recover", str(tmp_path / "b")]) == 0
+    flip_near_the_end(other)
+    assert logs(["recover", str(tmp_path / "a"), str(tmp_path / "none"), str(tmp_path / "b")]) == 3
+    assert sum(1 for _ in read_records(other)) > 10
+    assert logs(["recover", str(tmp_path)]) == 0  # all that can be read is whole
+
+
+def test_a_damaged_fused_file_in_a_directory_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_fleet(tmp_path / "runs", seconds=1.0)
+    assert logs(["fuse", str(tmp_path / "runs"), "-o", str(tmp_path / "fleet.mcap")]) == 0
+    flip_near_the_end(tmp_path / "fleet.mcap")
+    assert logs(["recover", str(tmp_path)]) == 3
+    assert "fleet.mcap: is a fused file" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_path_that_does_not_exist_is_named(tmp_path: Path) -> None:

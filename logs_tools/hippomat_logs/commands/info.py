@@ -67,20 +67,21 @@ def state_of(opened: OpenedRun) -> dict[str, Any]:
     """Is the run's end there, and what does it say of itself?"""
     ends = [_metadata(source, END_METADATA) for source in opened.sources]
     rescued = [_metadata(source, RECOVERY_METADATA) for source in opened.sources]
+    passed_over = [facts["damage"] for facts in rescued if facts.get("damage")]
     parts = [int(_manifest(source).get("part", "0")) for source in opened.sources]
     complete = parts == list(range(len(parts))) and ends[-1].get("final") == "yes"
     if not opened.manifest:
         text, complete = "not recorded by hippomat", True
-    elif any(_manifest(source).get("recovered") for source in opened.sources):
+    elif not ends[-1] and _manifest(opened.sources[-1]).get("recovered"):
         text, complete = ENDED_EARLY, True
     elif complete:
-        text = "finished"
+        text = "; ".join(["finished", *(f"when it was recovered: {one}" for one in passed_over)])
     else:
         text = f"parts {', '.join(map(str, parts))} of a run that has more"
     return {
         "text": text,
         "complete": complete,
-        "damaged": any(facts.get("damage") for facts in rescued),
+        "damaged": bool(passed_over),
         "shed": sum(int(facts.get("shed", "0")) for facts in ends),
         "worst_sync_ms": max(int(facts.get("worst_sync_ms", "0")) for facts in ends),
     }
