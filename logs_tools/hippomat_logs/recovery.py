@@ -10,6 +10,7 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain, count
 from pathlib import Path
 
 from hippomat_core.errors import HippomatError, LogError
@@ -103,14 +104,15 @@ def recover_active(path: Path, store: MessageStore) -> Outcome:
             path.unlink()
             return Outcome(f"{path.name}: empty, removed")
         if (path.parent / name).exists():
-            return _set_aside(path, f"{name} exists already")
+            target = _set_aside(path)
+            return Outcome(f"{path.name}: {name} exists already; kept as {target}", stays_damaged=True)
         kept, contents = _rewrite(path, name, store)
         if not contents.manifest:
-            return _set_aside(path, "its run manifest cannot be read, so nothing was made of it")
+            what = f"its run manifest cannot be read, so nothing was made of it; kept as {_set_aside(path)}"
+            return Outcome(f"{path.name}: {what}", stays_damaged=True)
         if contents.damage:
-            _set_aside(path, "")
-            what = _shown(contents)
-            return Outcome(f"{name}: recovered, {kept} records kept; {what}; original in {name}{DAMAGED}")
+            what = f"{_shown(contents)}; original in {_set_aside(path)}"
+            return Outcome(f"{name}: recovered, {kept} records kept; {what}")
         path.unlink()
         sync_directory(path.parent)
         return Outcome(f"{name}: recovered, {kept} records kept")
@@ -168,11 +170,14 @@ def _owned(path: Path) -> Iterator[int | None]:
         os.close(fd)
 
 
-def _set_aside(path: Path, why: str) -> Outcome:
-    target = path.with_name(path.name.removesuffix(ACTIVE) + DAMAGED)
+def _set_aside(path: Path) -> str:
+    """The name that the original has now: one that nothing else has."""
+    name = path.name.removesuffix(ACTIVE) + DAMAGED
+    names = chain([name], (f"{name}.{number}" for number in count(2)))
+    target = next(one for one in map(path.with_name, names) if not one.exists())
     path.rename(target)
     sync_directory(path.parent)
-    return Outcome(f"{path.name}: {why}; kept as {target.name}", stays_damaged=True)
+    return target.name
 
 
 def _rewrite(path: Path, name: str, store: MessageStore) -> tuple[int, Contents]:

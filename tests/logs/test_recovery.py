@@ -176,6 +176,14 @@ def test_garbage_and_empty_files_are_named_not_raised(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["b.mcap.damaged"]
 
 
+def test_no_original_takes_the_place_of_an_earlier_one(tmp_path: Path) -> None:
+    for number in range(3):
+        (tmp_path / "b.mcap.active").write_bytes(bytes([number]) * 100)
+        recover_directory(tmp_path)
+    kept = {path.name: path.read_bytes()[0] for path in tmp_path.iterdir()}
+    assert kept == {"b.mcap.damaged": 0, "b.mcap.damaged.2": 1, "b.mcap.damaged.3": 2}
+
+
 def test_a_damaged_finished_log_gives_its_name_to_the_recovered_one(tmp_path: Path) -> None:
     record_run(tmp_path, ticks=20)
     (path,) = tmp_path.glob("*.mcap")
