@@ -20,7 +20,7 @@ LETTERS = {
     "bool": "?", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
     "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
 }  # fmt: skip
-FORMS = 512  # kept per class: a serial port's reads come in some hundred lengths
+FORMS = 512  # kept of each run of fields: a serial port's reads come in some hundred lengths
 Encoder = Callable[[Any], bytes]
 
 
@@ -47,6 +47,9 @@ def make_row_encoder(fields: Sequence[FieldSpec]) -> Encoder:
 
     A field crc32 is not among them: it is the checksum of the field data.
     """
+    names = {one.name for one in fields}
+    if "crc32" in names and "data" not in names:
+        raise TypeError("a field crc32 is the checksum of a field data, which these fields lack")
     source = _Source()
     given = [f"v_{one.name}" for one in fields if one.name != "crc32"]
     source.add(f"_, {', '.join(given)} = r")

@@ -1,7 +1,7 @@
 """The queue between a control loop and the log's writer: bounded, and the loop never waits for it.
 
 Decides record numbers and, where the writer is too slow, what is left out: bulk first. That is counted and
-named by a drop record. One thread puts, another takes. Knows records and time stamps, not what they mean.
+named by a drop record. One thread puts, another takes. Knows what is bulk, nothing else of what records mean.
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 from hippomat_core.messages import LIDAR
 from hippomat_logs.records import DropRecord, SerialRecord, is_bulk
 
-_PORT = 2  # where it stands in the tuple of a SerialRecord
+_PORT = 1 + [one.name for one in fields(SerialRecord)].index("port")  # in the tuple of a SerialRecord
 _FULL = "queue full: the disk was too slow"
 _FILLING = "queue half full: bulk was shed"
 
@@ -50,7 +51,7 @@ class RecordQueue:
         return self._next - 1
 
     @property
-    def drops_for(self) -> str:
+    def drop_cause(self) -> str:
         """Why records are left out just now; "" while there is room."""
         return self._dropping[1] if self._dropping is not None else ""
 
@@ -68,7 +69,7 @@ class RecordQueue:
         """put() of a SerialRecord; repeats its lines, because this is half of all calls."""
         number = self._next
         self._next = number + 1
-        record = SerialRecord, stamp_ns, port, direction, phase, data
+        record = SerialRecord, stamp_ns, port, direction, phase, bytes(data)
         if (self._dropping is not None or len(self.entries) >= self._half) and not self._takes(
             number, record
         ):

@@ -27,19 +27,26 @@ from hippomat_logs.run_series import attachments, begin, series_of
 from hippomat_logs.schema import TOPICS, MessageStore
 from hippomat_logs.sink import SinkOpener, file_sinks
 
-SYNC_S = 0.4  # a plug that is pulled costs so much and one sync: 0.5 s on a disk that takes 0.1 s for it
+PLUG_S = 0.5  # a plug that is pulled costs so much at most: from one sync's begin to the next one's end
+SYNC_S, MIN_SYNC_S = 0.4, 0.1  # from begin to begin; sooner where the disk takes longer than what is left
 LOSSLESS_WAKE_S = 0.01  # somebody may be waiting for room in the queue; otherwise the writer wakes to sync
 QUEUE_RECORDS = 8192
-BATCH_RECORDS = 400  # on their way to the file at once
+BATCH_RECORDS = 40  # on their way to the file at once: so many are lost where it does not take them
 SWITCH_S = 1e-4
+_MARGIN_S = 0.03  # for what comes between a record and the sync that holds it: encoding, and other processes
 _LAST_NS = 2**63 - 1  # the latest log time that every reader takes
 _new = tuple.__new__  # of a NamedTuple: its own constructor takes five times as long
 _LOW = "disk low: bulk was shed"
 
 
+def period_s(sync_s: float) -> float:
+    """From the begin of one sync to that of the next, on a disk that took so long for the last."""
+    return min(SYNC_S, max(MIN_SYNC_S, PLUG_S - _MARGIN_S - sync_s))
+
+
 def bound_interpreter_wait() -> None:
-    """Call once in a process with a control loop: it then waits so long at most for the interpreter that the
-    writer's thread holds, not Python's usual 5 ms. Holds for every thread of the process."""
+    """Call once in a process with a control loop: it then asks for the interpreter after 0.1 ms, not Python's
+    usual 5 ms, while the writer's thread runs Python code. Holds for every thread of the process."""
     sys.setswitchinterval(SWITCH_S)
 
 
@@ -96,7 +103,7 @@ class Recorder:
         self._drawn = self._derived.kinds
         self._lossless = lossless
         self._queue = RecordQueue(
-            queue_records, wall_ns - stamp_ns, wall_ns, self._takes if lossless else None
+            queue_records, wall_ns - stamp_ns, wall_ns, self._is_written if lossless else None
         )
         # what the control loop calls hundreds of times a second goes there without a detour
         self.put, self.serial = self._queue.put, self._queue.serial
@@ -125,7 +132,7 @@ class Recorder:
         if self._ended:  # nobody takes any more out of the queue
             lost += self._queue.left()
         problem = self._series.problem or self._fault or self._disk.problem
-        if not problem and (cause := self._queue.drops_for):
+        if not problem and (cause := self._queue.drop_cause):
             problem = f"the log's {cause}"
         problem = problem or self._series.warning
         return RecorderStatus(
@@ -139,10 +146,10 @@ class Recorder:
         self._thread.join(timeout_s)
         return self.status()
 
-    # ---- writer's thread ----
-
-    def _takes(self) -> bool:
+    def _is_written(self) -> bool:
         return self._thread.is_alive() and not self._ended
+
+    # ---- writer's thread ----
 
     def _write_until_closed(self) -> None:
         try:
@@ -166,9 +173,10 @@ class Recorder:
             self._drain()
             if (now_s := time.monotonic()) >= due_s:
                 self._series.flush(now_s)
-                self._worst_sync_s = max(self._worst_sync_s, time.monotonic() - now_s)
+                sync_s = time.monotonic() - now_s
+                self._worst_sync_s = max(self._worst_sync_s, sync_s)
                 self._level = self._disk.level()
-                due_s = now_s + SYNC_S
+                due_s = now_s + period_s(sync_s)
             if closing and not self._queue.entries:
                 break
         self._end_gap(_held(self._queue.last_ns))

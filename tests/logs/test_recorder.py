@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from log_samples import CONFIG, START_NS, new_recorder, record_samples, sample
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -23,6 +25,7 @@ from hippomat_core import messages as m
 from hippomat_core.config import LogConfig
 from hippomat_logs.manifest import config_of, fingerprint, run_manifest
 from hippomat_logs.reader import open_runs, read_records
+from hippomat_logs.recorder import MIN_SYNC_S, PLUG_S, SYNC_S, period_s
 from hippomat_logs.records import DropRecord, SerialRecord, TimingRecord
 from hippomat_logs.recovery import recover_directory
 from hippomat_logs.schema import CLASSES, DERIVED, EVENTS, differences
@@ -32,6 +35,23 @@ from hippomat_logs.sink import FileSink, FullDiskSink, file_sinks
 def only_log(directory: Path) -> Path:
     (path,) = directory.glob("*.mcap")
     return path
+
+
+def test_serial_bytes_are_those_of_the_call_whatever_becomes_of_the_buffer(tmp_path: Path) -> None:
+    recorder, buffer = new_recorder(tmp_path, lossless=True), bytearray(b"moved")
+    recorder.serial(START_NS, m.BASE, 0, 1, buffer)
+    buffer[:] = b"later"
+    recorder.close()
+    assert [one.data for *_, one in read_records(only_log(tmp_path)) if type(one) is SerialRecord] == [
+        b"moved"
+    ]
+
+
+@given(sync_s=st.floats(0.0, PLUG_S - MIN_SYNC_S - 0.05))
+def test_a_pulled_plug_costs_half_a_second_on_slow_disks_too(sync_s: float) -> None:
+    """What came right behind a sync's begin is on the disk when the next one ends."""
+    assert MIN_SYNC_S <= period_s(sync_s) <= SYNC_S
+    assert period_s(sync_s) + sync_s < PLUG_S
 
 
 def test_everything_recorded_is_read_back_in_order(tmp_path: Path) -> None:

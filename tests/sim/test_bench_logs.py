@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from recorded_data import data_folder
 
+from hippomat_logs.recorder import Recorder
+from hippomat_sim.bench import logs_recorder
 from hippomat_sim.bench.cli import main
-from hippomat_sim.bench.logs_stream import MESSAGES_PER_S, Stream, record
+from hippomat_sim.bench.logs_stream import MESSAGES_PER_S, Call, Step, Stream, call_of, record
 
 
 def test_the_made_up_second_has_as_many_messages_as_it_says(tmp_path: Path) -> None:
@@ -35,6 +40,27 @@ def test_all_readers_read_the_same_messages(capsys: pytest.CaptureFixture[str]) 
     assert any("AnyReader" in name for name in names)
     assert "worst stall of the control loop" in names
     assert "memory of doctor" in names
+
+
+def test_a_recorder_that_makes_the_loop_wait_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls, wait_s = 0, 0.03
+
+    def slow_now_and_then(recorder: Recorder, step: Step) -> Call:
+        nonlocal calls
+        calls += 1
+        due_ns, call, arguments = call_of(recorder, step)
+
+        def waiting(*given: Any) -> None:
+            time.sleep(wait_s)
+            call(*given)
+
+        return due_ns, waiting if calls % 200 == 0 else call, arguments
+
+    monkeypatch.setattr(logs_recorder, "call_of", slow_now_and_then)
+    before = sys.getswitchinterval(), os.sched_getscheduler(0)
+    figures = logs_recorder.measure_recorder(1, MESSAGES_PER_S, lambda _: None)
+    assert figures.stall_ms >= 1e3 * wait_s
+    assert (sys.getswitchinterval(), os.sched_getscheduler(0)) == before
 
 
 def test_a_file_that_another_reader_refuses_is_not_judged(capsys: pytest.CaptureFixture[str]) -> None:

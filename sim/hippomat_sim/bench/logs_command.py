@@ -66,9 +66,8 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError("--seconds and --large begin at 1, --recorder-seconds at 0")
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     screen = Console(stderr=True)
-    with Progress(
-        *columns, console=screen, transient=True, auto_refresh=False
-    ) as bar:  # a thread would disturb
+    # no refreshing thread: it would disturb what is measured
+    with Progress(*columns, console=screen, transient=True, auto_refresh=False) as bar:
         report = _measure(options, bar)
     if options.json:
         print(json.dumps(_as_json(report)))
@@ -168,5 +167,6 @@ def _show_recorder(figures: RecorderFigures, console: Console) -> None:
         f"{figures.writer_percent:.2f} % of a core, calls {figures.calls_percent:.2f} %; it held the loop "
         f"up for {figures.stall_ms:.2f} ms at worst. A call and work of {figures.work_ms:.2f} ms took up to "
         f"{figures.longest_ms:.2f} ms, without recorder {figures.longest_without_ms:.2f} ms; "
-        f"{figures.lost} records lost. {said(WORK / figures.work_ms / 1e3)}"
+        f"{figures.lost} records lost{'' if figures.is_alone else '; other processes disturbed it'}. "
+        f"{said(WORK / figures.work_ms / 1e3)}"
     )
