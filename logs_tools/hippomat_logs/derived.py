@@ -17,6 +17,8 @@ from hippomat_logs.cdr_template import Template
 from hippomat_logs.schema import DERIVED, MessageStore
 
 SCAN_BINS = 360
+_BINS = -np.arange(1025) % SCAN_BINS  # by degrees clockwise, all that 16 bits of 64ths can say
+_Q2_PER_M = np.float32(4000.0)
 _ROS_LEVELS = {m.INFO: 20, m.WARNING: 30, m.ERROR: 40}
 Pose = tuple[float, float, float]
 _STAMP = ("header.stamp.sec", "header.stamp.nanosec")
@@ -119,9 +121,9 @@ class DerivedTopics:
         ranges, intensities = self._ranges, self._intensities
         ranges.fill(np.inf)
         intensities.fill(0.0)
-        hit = scan.distance_q2 > 0
-        bins = -((scan.angle_q6[hit].astype(np.int32) + 32) // 64) % SCAN_BINS
-        np.minimum.at(ranges, bins, (scan.distance_q2[hit] / 4000.0).astype(np.float32))
+        (hit,) = scan.distance_q2.nonzero()
+        bins = _BINS[(scan.angle_q6[hit].astype(np.int32) + 32) >> 6]
+        np.minimum.at(ranges, bins, scan.distance_q2[hit] / _Q2_PER_M)
         intensities[bins] = scan.quality[hit]
         return "/scan", self._scans.fill(*divmod(t, 10**9), ranges=ranges, intensities=intensities)
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from hippomat_logs.recorder import PLUG_S, bound_interpreter_wait
 from hippomat_sim.bench.core_speed import additions
+from hippomat_sim.bench.logs_peer import calls_of_peer
 from hippomat_sim.bench.logs_stream import START_NS, Call, Step, Stream, call_of, new_recorder
 
 WORK = 3000  # additions, about 0.15 ms
@@ -41,10 +42,15 @@ class RecorderFigures:
     longest_without_ms: float
     lost: int
     is_alone: bool  # in real time: the system let other processes wait
+    mcap_writer_percent: float  # of its peer, given the bytes
 
     @property
     def percent(self) -> float:
         return self.writer_percent + self.calls_percent
+
+    @property
+    def over_mcap_writer(self) -> float:
+        return self.percent / self.mcap_writer_percent
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,15 +79,19 @@ class _Clocks(NamedTuple):
 def measure_recorder(
     seconds: int, messages_per_s: float, progress: Callable[[float], None]
 ) -> RecorderFigures:
-    """Takes twice `seconds`. progress() is called between two steps of the loop; no other thread may work."""
+    """Takes three times `seconds`. progress() is called between two steps of the loop.
+
+    No other thread of the process may work meanwhile.
+    """
     with _undisturbed() as is_alone, tempfile.TemporaryDirectory(prefix="hippomat-bench-") as directory:
         begun = _Clocks.now()
         without = _loop(((step[0], _nothing, (step,)) for step in _steps(seconds)), progress, 0.0)
         idle_s = _Clocks.now().others_s - begun.others_s
+        peer = _loop(calls_of_peer(Path(directory) / "peer.mcap", _steps(seconds)), progress, float(seconds))
         begun, recorder = _Clocks.now(), new_recorder(Path(directory))
         try:
             calls = (call_of(recorder, step) for step in _steps(seconds))
-            with_recorder = _loop(calls, progress, float(seconds))
+            with_recorder = _loop(calls, progress, 2.0 * seconds)
             time.sleep(PLUG_S)  # then all is written
             writer_s = _Clocks.now().others_s - begun.others_s - idle_s
         finally:
@@ -97,6 +107,7 @@ def measure_recorder(
         longest_without_ms=1e3 * without.longest_s,
         lost=status.lost,
         is_alone=is_alone,
+        mcap_writer_percent=100 * (peer.calls_s - without.calls_s) / seconds,
     )
 
 
