@@ -94,7 +94,7 @@ def _measure(options: argparse.Namespace, bar: Progress) -> LogsReport:
                 bar.refresh()
     recorder = large = None
     if options.recorder_seconds:
-        task = bar.add_task("recording", total=3 * options.recorder_seconds)
+        task = bar.add_task("recording", total=5 * options.recorder_seconds)
         recorder = measure_recorder(
             options.recorder_seconds,
             MESSAGES_PER_S,

@@ -15,12 +15,13 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hippomat_logs.recorder import PLUG_S, bound_interpreter_wait
+from hippomat_logs.recorder import PLUG_S, Recorder, bound_interpreter_wait
 from hippomat_sim.bench.core_speed import additions
 from hippomat_sim.bench.logs_peer import calls_of_peer
 from hippomat_sim.bench.logs_stream import START_NS, Call, Step, Stream, call_of, new_recorder
@@ -53,14 +54,6 @@ class RecorderFigures:
         return self.percent / self.mcap_writer_percent
 
 
-@dataclass(frozen=True, slots=True)
-class _Loop:
-    calls_s: float
-    work_s: list[float]
-    longest_s: float
-    stall_s: float
-
-
 class _Clocks(NamedTuple):
     """Real time; processor time of the loop's thread and of all others; how often the loop's gave way."""
 
@@ -79,36 +72,54 @@ class _Clocks(NamedTuple):
 def measure_recorder(
     seconds: int, messages_per_s: float, progress: Callable[[float], None]
 ) -> RecorderFigures:
-    """Takes three times `seconds`. progress() is called between two steps of the loop.
+    """Takes five times `seconds`. progress() is called between two steps of the loop.
 
     No other thread of the process may work meanwhile.
     """
+    fifths = iter(range(5))
+
+    def steps() -> Iterator[Step]:
+        done_s = float(next(fifths) * seconds)
+        for index, step in enumerate(_steps(seconds)):
+            if index % 500 == 0:
+                progress(done_s + (step[0] - START_NS) / 1e9)
+            yield step
+
+    def idle() -> Iterator[Call]:
+        return ((step[0], _nothing, (step,)) for step in steps())
+
     with _undisturbed() as is_alone, tempfile.TemporaryDirectory(prefix="hippomat-bench-") as directory:
-        begun = _Clocks.now()
-        without = _loop(((step[0], _nothing, (step,)) for step in _steps(seconds)), progress, 0.0)
-        idle_s = _Clocks.now().others_s - begun.others_s
-        peer = _loop(calls_of_peer(Path(directory) / "peer.mcap", _steps(seconds)), progress, float(seconds))
-        begun, recorder = _Clocks.now(), new_recorder(Path(directory))
-        try:
-            calls = (call_of(recorder, step) for step in _steps(seconds))
-            with_recorder = _loop(calls, progress, 2.0 * seconds)
-            time.sleep(PLUG_S)  # then all is written
-            writer_s = _Clocks.now().others_s - begun.others_s - idle_s
-        finally:
-            status = recorder.close()
+        without = _costs(idle())
+        peer = _costs(calls_of_peer(Path(directory) / "peer.mcap", steps()))
+        with _recorder(directory) as recorder:
+            costs = _costs(call_of(recorder, step) for step in steps())
+            lost = recorder.close().lost
+        alone = _pauses(idle())
+        with _recorder(directory) as recorder:
+            pauses = _pauses(call_of(recorder, step) for step in steps())
+            lost += recorder.close().lost
     return RecorderFigures(
         seconds=float(seconds),
         messages_per_s=messages_per_s,
-        writer_percent=100 * writer_s / seconds,
-        calls_percent=100 * (with_recorder.calls_s - without.calls_s) / seconds,
-        stall_ms=1e3 * with_recorder.stall_s,
-        work_ms=1e3 * float(np.median(with_recorder.work_s)),
-        longest_ms=1e3 * with_recorder.longest_s,
-        longest_without_ms=1e3 * without.longest_s,
-        lost=status.lost,
+        writer_percent=100 * (costs.others_s - without.others_s) / seconds,
+        calls_percent=100 * (costs.calls_s - without.calls_s) / seconds,
+        stall_ms=1e3 * pauses.stall_s,
+        work_ms=1e3 * costs.work_s,
+        longest_ms=1e3 * pauses.longest_s,
+        longest_without_ms=1e3 * alone.longest_s,
+        lost=lost,
         is_alone=is_alone,
         mcap_writer_percent=100 * (peer.calls_s - without.calls_s) / seconds,
     )
+
+
+@contextlib.contextmanager
+def _recorder(directory: str) -> Iterator[Recorder]:
+    recorder = new_recorder(Path(directory))
+    try:
+        yield recorder
+    finally:
+        recorder.close()
 
 
 @contextlib.contextmanager
@@ -140,32 +151,61 @@ def _steps(seconds: int) -> Iterator[Step]:
 def _nothing(_: object) -> None: ...
 
 
-def _loop(calls: Iterable[Call], progress: Callable[[float], None], done_s: float) -> _Loop:
+class _Costs(NamedTuple):
+    calls_s: float
+    others_s: float  # processor time of all other threads
+    work_s: float  # median
+
+
+def _costs(calls: Iterable[Call]) -> _Costs:
+    """Of a loop that looks at no clock but real time's: every other one takes what it measures."""
     work_s: list[float] = []
-    calls_s = longest_s = stall_s = 0.0
-    begun_s = time.perf_counter()
+    calls_s = 0.0
+    begun = _Clocks.now()
+    for _, _, call, arguments in _paced(calls):
+        called_s = time.perf_counter()
+        call(*arguments)
+        ended_s = time.perf_counter()
+        additions(WORK)
+        work_s.append(time.perf_counter() - ended_s)
+        calls_s += ended_s - called_s
+    time.sleep(PLUG_S)  # then all is written
+    return _Costs(calls_s, _Clocks.now().others_s - begun.others_s, float(np.median(work_s)))
+
+
+class _Pauses(NamedTuple):
+    longest_s: float
+    stall_s: float
+
+
+def _pauses(calls: Iterable[Call]) -> _Pauses:
+    """Of a loop that finds out what held it up."""
+    longest_s = stall_s = 0.0
     before = _Clocks.now()
-    for index, (at_ns, call, arguments) in enumerate(calls):
+    for due_s, slept, call, arguments in _paced(calls):
+        own_s = time.thread_time()
+        call(*arguments)
+        own_ended_s = time.thread_time()
+        additions(WORK)
+        after = _Clocks.now()
+        took_s = after.real_s - max(due_s, before.real_s)
+        waited_s = max(0.0, took_s - (after.own_s - before.own_s))
+        if after.gave_way - before.gave_way <= slept:  # its own pause, no more: it was pushed aside
+            waited_s = min(waited_s, after.others_s - before.others_s)
+        longest_s = max(longest_s, took_s)
+        stall_s = max(stall_s, own_ended_s - own_s + waited_s)
+        before = _Clocks.now()
+    return _Pauses(longest_s, stall_s)
+
+
+def _paced(calls: Iterable[Call]) -> Iterator[tuple[float, bool, Callable[..., None], tuple[Any, ...]]]:
+    """(when it was due, whether that had to be waited for, what to call, with what), each when it is due."""
+    remaining = iter(calls)
+    first = next(remaining)  # making it may take long
+    begun_s = time.perf_counter()
+    for at_ns, call, arguments in chain([first], remaining):
         due_s = begun_s + (at_ns - START_NS) / 1e9
         pause_s = due_s - time.perf_counter()
         if pause_s > 0:
             time.sleep(pause_s)
-        own_s, called_s = time.thread_time(), time.perf_counter()
-        call(*arguments)
-        ended_s, own_ended_s = time.perf_counter(), time.thread_time()
-        additions(WORK)
-        after = _Clocks.now()
-        calls_s += ended_s - called_s
-        work_s.append(after.real_s - ended_s)
-        took_s = after.real_s - max(due_s, before.real_s)
-        waited_s = max(0.0, took_s - (after.own_s - before.own_s))
-        if after.gave_way - before.gave_way <= (
-            pause_s > 0
-        ):  # no more than its own pause: it was pushed aside
-            waited_s = min(waited_s, after.others_s - before.others_s)
-        longest_s = max(longest_s, took_s)
-        stall_s = max(stall_s, own_ended_s - own_s + waited_s)
-        if index % 500 == 0:
-            progress(done_s + (at_ns - START_NS) / 1e9)
-        before = _Clocks.now()
-    return _Loop(calls_s, work_s, longest_s, stall_s)
+        yield due_s, pause_s > 0, call, arguments
