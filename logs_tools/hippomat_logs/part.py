@@ -21,9 +21,7 @@ GAP_METADATA = "hippomat.gap"
 GAP_BYTES = 4096  # a bad block of a disk must not reach both
 POLICY_ATTACHMENT = "policy.safetensors"  # behind the manifest, where the allocator has weights
 END_METADATA = "hippomat.end"  # last of a part that was finished
-RECOVERY_METADATA = (
-    "hippomat.recovery"  # of a part that was recovered: what it lost; last if that was its end
-)
+RECOVERY_METADATA = "hippomat.recovery"  # of a recovered part: what it lost; last where its end was lost
 FUSED_METADATA = "hippomat.fused"  # first of a file that holds several runs: "runs" names their prefixes
 MERGED_METADATA = "hippomat.merged"  # first of one that holds several side by side: their files
 SPAN_METADATA = "hippomat.span"  # of each run in it: its first and last own log time

@@ -165,7 +165,6 @@ def _show(report: LogsReport, console: Console) -> None:
         state = "not judged" if target.not_judged else ("met" if target.met else "MISSED")
         sign = ">=" if target.at_least else "<="
         line = f"{state:10} {target.name}: {target.value:.2f} {target.unit} ({sign} {target.bound:g})"
-        line += f"; {target.not_judged}" if target.not_judged else ""
         console.print(line, markup=False, style="red" if state == "MISSED" else "")
     console.print(verdict(report.targets), style="bold green" if report.met else "bold red", markup=False)
 

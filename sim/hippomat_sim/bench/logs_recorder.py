@@ -15,17 +15,18 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from hippomat_logs.recorder import PLUG_S, Recorder, bound_interpreter_wait
+from hippomat_logs.recorder import PLUG_S, bound_interpreter_wait
 from hippomat_sim.bench.core_speed import additions
 from hippomat_sim.bench.logs_peer import calls_of_peer
 from hippomat_sim.bench.logs_stream import START_NS, Call, Step, Stream, call_of, new_recorder
 
+Figures = TypeVar("Figures")
 WORK = 3000  # additions, about 0.15 ms
 
 
@@ -76,14 +77,13 @@ def measure_recorder(
 
     No other thread of the process may work meanwhile.
     """
-    fifths = iter(range(5))
+    stream, done_s = Stream(), count()
 
     def steps() -> Iterator[Step]:
-        done_s = float(next(fifths) * seconds)
-        for index, step in enumerate(_steps(seconds)):
-            if index % 500 == 0:
-                progress(done_s + (step[0] - START_NS) / 1e9)
-            yield step
+        """Made as they are needed: a real loop's records are in the caches too."""
+        for second in range(seconds):
+            progress(float(next(done_s)))
+            yield from stream.steps(second)
 
     def idle() -> Iterator[Call]:
         return ((step[0], _nothing, (step,)) for step in steps())
@@ -91,13 +91,9 @@ def measure_recorder(
     with _undisturbed() as is_alone, tempfile.TemporaryDirectory(prefix="hippomat-bench-") as directory:
         without = _costs(idle())
         peer = _costs(calls_of_peer(Path(directory) / "peer.mcap", steps()))
-        with _recorder(directory) as recorder:
-            costs = _costs(call_of(recorder, step) for step in steps())
-            lost = recorder.close().lost
+        costs, lost_then = _recorded(Path(directory), steps(), _costs)
         alone = _pauses(idle())
-        with _recorder(directory) as recorder:
-            pauses = _pauses(call_of(recorder, step) for step in steps())
-            lost += recorder.close().lost
+        pauses, lost = _recorded(Path(directory), steps(), _pauses)
     return RecorderFigures(
         seconds=float(seconds),
         messages_per_s=messages_per_s,
@@ -107,19 +103,22 @@ def measure_recorder(
         work_ms=1e3 * costs.work_s,
         longest_ms=1e3 * pauses.longest_s,
         longest_without_ms=1e3 * alone.longest_s,
-        lost=lost,
+        lost=lost_then + lost,
         is_alone=is_alone,
         mcap_writer_percent=100 * (peer.calls_s - without.calls_s) / seconds,
     )
 
 
-@contextlib.contextmanager
-def _recorder(directory: str) -> Iterator[Recorder]:
-    recorder = new_recorder(Path(directory))
+def _recorded(
+    directory: Path, steps: Iterable[Step], loop: Callable[[Iterable[Call]], Figures]
+) -> tuple[Figures, int]:
+    """What the loop finds, and the records that were lost."""
+    recorder = new_recorder(directory)
     try:
-        yield recorder
+        figures = loop(call_of(recorder, step) for step in steps)
     finally:
-        recorder.close()
+        status = recorder.close()
+    return figures, status.lost
 
 
 @contextlib.contextmanager
@@ -140,12 +139,6 @@ def _undisturbed() -> Iterator[bool]:
         sys.setswitchinterval(switch_s)
         if is_alone:
             os.sched_setscheduler(0, *before)
-
-
-def _steps(seconds: int) -> Iterator[Step]:
-    """Made as they are needed: a real loop's records are in the caches too."""
-    stream = Stream()
-    return (step for second in range(seconds) for step in stream.steps(second))
 
 
 def _nothing(_: object) -> None: ...

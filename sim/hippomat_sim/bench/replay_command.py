@@ -180,7 +180,6 @@ def _show(figures: Sequence[ReplayFigures], targets: Sequence[Target], console: 
         state = "not judged" if target.not_judged else ("met" if target.met else "MISSED")
         sign = ">=" if target.at_least else "<="
         line = f"{state:10} {target.name}: {target.value:.1f} {target.unit} ({sign} {target.bound:g})"
-        line += f"; {target.not_judged}" if target.not_judged else ""
         console.print(line, markup=False, style="red" if state == "MISSED" else "")
     missed = any(target.missed for target in targets)
     console.print(verdict(targets), style="bold red" if missed else "bold green", markup=False)
