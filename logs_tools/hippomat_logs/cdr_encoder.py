@@ -1,15 +1,14 @@
 """CDR bytes of our records, several times as fast as by rosbags: a robot encodes hundreds a second.
 
 Decides bytes only; tests hold them equal to rosbags', whose decoder reads them. For each class a function is
-generated once. In it everything between two loops over rows is one struct.pack(), whose form depends on how
-long the arrays are (they seldom change) and on where it begins, modulo 8. CDR: OMG DDS-XTypes 1.3, 7.4.1
-(XCDR1, little-endian).
+generated once. In it a message is one struct.pack(), whose form depends on how many rows there are and how
+long the arrays are, which seldom change. CDR: OMG DDS-XTypes 1.3, 7.4.1 (XCDR1, little-endian).
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 from zlib import crc32
 
@@ -20,8 +19,10 @@ LETTERS = {
     "bool": "?", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
     "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
 }  # fmt: skip
-FORMS = 512  # kept of each run of fields: a serial port's reads come in some hundred lengths
+FORMS = 512  # kept of each class: a serial port's reads come in some hundred lengths
 Encoder = Callable[[Any], bytes]
+Item = str | int | tuple[Any, ...]  # letter of struct, size of an array's elements, items of every row
+_Element = tuple[str, int, int]  # code of struct, what it is aligned to, length in bytes
 
 
 class FieldSpec(NamedTuple):
@@ -62,25 +63,31 @@ def make_row_encoder(fields: Sequence[FieldSpec]) -> Encoder:
 class _Source:
     """Lines of the generated function.
 
-    d1, d2 ... are arrays as bytes, strings and rows, m1 ... nested messages. Where there are rows, `out` has
-    what is packed and `n` counts its bytes, without the encapsulation header.
+    d1, d2 ... are arrays as bytes, strings and rows, m1 ... nested messages. What is packed stands in one
+    expression, unless there are rows: then in a list `values`, and all lengths in a list `key`.
     """
 
     def __init__(self) -> None:
         self._names: dict[str, Any] = {"HEAD": ENCAPSULATION, "array_bytes": _array_bytes, "crc32": crc32}
         self._lines: list[str] = []
-        self._items: list[str | int] = []  # of the run not yet packed: letters, and element sizes of arrays
-        self._values: list[str] = []  # expressions of what is to be packed
-        self._lengths: list[str] = []  # expressions that choose the form
+        self._items: list[Item] = []
+        self._values: list[str] = ["HEAD"]  # expressions of what is to be packed
+        self._key: list[str] = []  # expressions that choose the form
         self._indent = ""
-        self._variables = self._runs = self._depth = 0
+        self._variables = 0
+        self._has_lists = False
 
     def function(self) -> Encoder:
-        if not self._runs:
-            self.add(f"return {self._packed()}")
+        forms = _Forms(self._items)
+        if self._has_lists:
+            self._extend_lists()
+            self.add("return forms[(*key,)](*values)")
+        elif self._key:
+            self.add(f"return forms[{', '.join(self._key)},]({', '.join(self._values)})")
         else:
-            self._end_run()
-            self.add("return b''.join(out)")
+            self._names["pack"] = forms[()]
+            self.add(f"return pack({', '.join(self._values)})")
+        self._names["forms"] = forms
         body = "\n ".join(self._lines)
         exec(compile(f"def encode(r):\n {body}", "<CDR encoder>", "exec"), self._names)
         return self._names["encode"]  # type: ignore[no-any-return]
@@ -126,74 +133,72 @@ class _Source:
         self._number("I", length if size == 1 else f"{length} // {size}")
         self._items.append(size)
         self._values.append(data)
-        self._lengths.append(length)
+        self._key.append(length)
 
     def _rows(self, value: str, fields: Iterable[FieldSpec]) -> None:
         rows = self._variable("d", value)
-        self._number("I", f"len({rows})")
-        self._end_run()
-        self._depth += 1
-        row = f"r{self._depth}"
+        count = self._variable("n", f"len({rows})")
+        self._number("I", count)
+        self._key.append(count)
+        self._extend_lists()
+        before, self._items = self._items, []
+        row = f"r{self._variables}"
         self.add(f"for {row} in {rows}:")
         self._indent += " "
         self.fields(f"{row}.", fields)
-        self._end_run()
+        self._extend_lists()
         self._indent = self._indent[:-1]
+        self._items = [*before, tuple(self._items)]
 
-    def _packed(self) -> str:
-        """The expression that packs the run."""
-        self._runs += 1
-        first, forms, name = self._runs == 1, _Forms(self._items), f"forms{self._runs}"
-        values, lengths = ", ".join(self._values), self._lengths
-        self._items, self._values, self._lengths = [], [], []
-        if first and not lengths:
-            self._names[name] = forms[0,]
-            return f"HEAD + {name}({values})"
-        self._names[name] = forms
-        key = ", ".join(["0" if first else "n & 7", *lengths])
-        return f"HEAD + {name}[{key}]({values})" if first else f"{name}[{key},]({values})"
-
-    def _end_run(self) -> None:
-        if not self._runs:
-            packed = self._packed()
-            self.add(f"out = [{packed}]; n = len(out[0]) - {len(ENCAPSULATION)}")
-        elif self._items:
-            self.add(f"b = {self._packed()}; out.append(b); n += len(b)")
+    def _extend_lists(self) -> None:
+        """With what has come since they were extended last."""
+        become = "+=" if self._has_lists else "="
+        for name, new in (("key", self._key), ("values", self._values)):
+            if new or not self._has_lists:
+                self.add(f"{name} {become} [{', '.join(new)}]")
+        self._key, self._values, self._has_lists = [], [], True
 
 
 class _Forms(dict[tuple[int, ...], Callable[..., bytes]]):
-    """struct.pack() of a run, by where it begins modulo 8 and the lengths in bytes of the arrays in it."""
+    """struct.pack() of a message, by the lengths of its arrays in bytes and its numbers of rows, in the order
+    in which they stand in it."""
 
-    def __init__(self, items: Sequence[str | int]) -> None:
+    def __init__(self, items: Sequence[Item]) -> None:
         self._items = items
 
     def __missing__(self, key: tuple[int, ...]) -> Callable[..., bytes]:
         if len(self) >= FORMS:
             self.clear()
-        start, *lengths = key
-        pack = self[key] = struct.Struct("<" + _form(self._items, start, lengths)).pack
+        form = f"<{len(ENCAPSULATION)}s" + _form(_elements(self._items, iter(key)), 0)
+        pack = self[key] = struct.Struct(form).pack
         return pack
 
 
 def padded(letters: str, start: int) -> struct.Struct:
     """Numbers that begin `start` bytes behind a multiple of 8, each aligned to its size."""
-    return struct.Struct("<" + _form(letters, start))
+    return struct.Struct("<" + _form(_elements(letters, iter(())), start))
 
 
-def _form(items: Iterable[str | int], start: int, lengths: Iterable[int] = ()) -> str:
-    """items: letters of struct, and element sizes of arrays that have so many bytes as `lengths` say."""
-    text, at, remaining = "", start, iter(lengths)
-    for item in items:
-        if isinstance(item, str):
-            size = length = struct.calcsize("<" + item)
-            code = item
-        else:
-            length = next(remaining)
-            size, code = item if length else 1, f"{length}s"
+def _form(elements: Iterable[_Element], start: int) -> str:
+    text, at = "", start
+    for code, size, length in elements:
         pad = -at % size
         text += f"{pad}x{code}" if pad else code
         at += pad + length
     return text
+
+
+def _elements(items: Iterable[Item], lengths: Iterator[int]) -> Iterator[_Element]:
+    for item in items:
+        if isinstance(item, str):
+            size = struct.calcsize("<" + item)
+            yield item, size, size
+        elif isinstance(item, int):
+            length = next(lengths)
+            yield f"{length}s", item if length else 1, length
+        else:
+            for _ in range(next(lengths)):
+                yield from _elements(item, lengths)
 
 
 def _array_bytes(values: Any, dtype: np.dtype[Any]) -> bytes:
