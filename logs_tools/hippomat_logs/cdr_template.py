@@ -4,50 +4,46 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_logs.cdr_layout import ONE, Field, layout_of
 
 
 class Template:
-    """`fill(values)` puts new numbers at `paths` into a copy of `data`, CDR, and gives its bytes.
-
-    Neighbouring paths of one type are packed together.
+    """`fill(values)` puts new numbers at `paths`, which come in the order of the bytes, into `data`, CDR, and
+    gives a copy of its bytes. What stands between the first path and the last is packed with them, in one go.
     """
 
     def __init__(self, fields: Sequence[Field], data: bytes, paths: Sequence[str]) -> None:
         places = layout_of(fields, data).places
-        offsets = _offsets(fields, places, "")
-        arrays = (
-            (one, place) for one, place in zip(fields, places, strict=True) if one.many != ONE and one.dtype
-        )
-        self._arrays = {one.name: (place[1], place[0] * int(one.dtype[1:])) for one, place in arrays}
+        self._arrays = {one.name: (place, one) for one, place in zip(fields, places, strict=True)}
         self._data = bytearray(data)
-        self._places: list[tuple[struct.Struct, int, slice]] = []  # what packs, where, which of the values
-        at, letters = -1, ""
-        begun = 0
-        for path in paths:
+        offsets = _offsets(fields, places, "")
+        letters, self._between, order = "", list[bytes](), list[int]()
+        self._begin = at = offsets[paths[0]][0]
+        for number, path in enumerate(paths):
             offset, letter = offsets[path]
-            if offset != at and letters:
-                self._place(letters, begun)
-                letters = ""
-            begun = begun if letters else offset
+            if offset > at:
+                letters += f"{offset - at}s"
+                order.append(len(paths) + len(self._between))
+                self._between.append(data[at:offset])
             letters, at = letters + letter, offset + struct.calcsize("<" + letter)
-        self._place(letters, begun)
+            order.append(number)
+        self._pack_into = struct.Struct("<" + letters).pack_into
+        self._in_order = itemgetter(*order)
 
-    def _place(self, letters: str, begun: int) -> None:
-        first = self._places[-1][2].stop if self._places else 0
-        self._places.append((struct.Struct("<" + letters), begun, slice(first, first + len(letters))))
+    def array(self, name: str) -> NDArray[Any]:
+        """Where an array of numbers lies, in its length: what is put there goes into what is filled next."""
+        (count, offset), field = self._arrays[name]
+        return np.frombuffer(self._data, "<" + field.dtype, count, offset)
 
-    def fill(self, *values: float, **arrays: NDArray[Any]) -> bytes:
-        """values: in the order of the paths; arrays: by field, with the lengths they had."""
-        for packer, offset, which in self._places:
-            packer.pack_into(self._data, offset, *values[which])
-        for name, array in arrays.items():
-            offset, size = self._arrays[name]
-            self._data[offset : offset + size] = array.data.cast("B")
+    def fill(self, *values: float) -> bytes:
+        """values: in the order of the paths."""
+        self._pack_into(self._data, self._begin, *self._in_order((*values, *self._between)))
         return bytes(self._data)
 
 

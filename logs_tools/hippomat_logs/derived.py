@@ -14,11 +14,9 @@ import numpy as np
 from hippomat_core import messages as m
 from hippomat_core.config import Config
 from hippomat_logs.cdr_template import Template
+from hippomat_logs.scan_kernel import SCAN_BINS, nearest_by_degree
 from hippomat_logs.schema import DERIVED, MessageStore
 
-SCAN_BINS = 360
-_BINS = -np.arange(1025) % SCAN_BINS  # by degrees clockwise, all that 16 bits of 64ths can say
-_Q2_PER_M = np.float32(4000.0)
 _ROS_LEVELS = {m.INFO: 20, m.WARNING: 30, m.ERROR: 40}
 Pose = tuple[float, float, float]
 _STAMP = ("header.stamp.sec", "header.stamp.nanosec")
@@ -59,9 +57,10 @@ class DerivedTopics:
         links = [self._transform(0, "map", "odom", origin), self._transform(0, "odom", "base_link", origin)]
         self._tf = self._template("/tf", self._new(DERIVED["/tf"], transforms=links), _TF_PATHS)
         self._odometry = self._template("/odom", self._new_odometry(), _ODOMETRY_PATHS)
-        self._ranges = np.zeros(SCAN_BINS, np.float32)
-        self._intensities = np.zeros(SCAN_BINS, np.float32)
         self._scans = self._template("/scan", self._new_scan(), _STAMP)
+        self._ranges, self._intensities = self._scans.array("ranges"), self._scans.array("intensities")
+        none = np.zeros(0, np.uint16)
+        self._scan(m.ScanReceived(0, none.astype(np.uint8), none, none), 0)  # compiles
         self._views: dict[type, Callable[[Any, int], Iterable[tuple[str, bytes]]]] = {
             m.PoseEstimated: self._pose,
             m.BaseFeedback: self._integrate,
@@ -117,15 +116,9 @@ class DerivedTopics:
         )
 
     def _scan(self, scan: m.ScanReceived, t: int) -> tuple[str, bytes]:
-        """Nearest return per degree; the lidar counts clockwise, ROS counter-clockwise."""
-        ranges, intensities = self._ranges, self._intensities
-        ranges.fill(np.inf)
-        intensities.fill(0.0)
-        (hit,) = scan.distance_q2.nonzero()
-        bins = _BINS[(scan.angle_q6[hit].astype(np.int32) + 32) >> 6]
-        np.minimum.at(ranges, bins, scan.distance_q2[hit] / _Q2_PER_M)
-        intensities[bins] = scan.quality[hit]
-        return "/scan", self._scans.fill(*divmod(t, 10**9), ranges=ranges, intensities=intensities)
+        """Nearest return per degree."""
+        nearest_by_degree(scan.angle_q6, scan.distance_q2, scan.quality, self._ranges, self._intensities)
+        return "/scan", self._scans.fill(*divmod(t, 10**9))
 
     def _new_scan(self) -> Any:
         step = 2 * math.pi / SCAN_BINS
@@ -139,8 +132,8 @@ class DerivedTopics:
             scan_time=0.0,
             range_min=self._lidar.min_range_m,
             range_max=self._lidar.max_range_m,
-            ranges=self._ranges,
-            intensities=self._intensities,
+            ranges=np.zeros(SCAN_BINS, np.float32),
+            intensities=np.zeros(SCAN_BINS, np.float32),
         )
 
     def _laser(self, scan: m.LaserScanReceived, t: int) -> tuple[str, bytes]:
