@@ -1,7 +1,7 @@
 """The queue between a control loop and the log's writer: bounded, and the loop never waits for it.
 
-Decides record numbers and, where the writer is too slow, what is left out: bulk first. That is counted and
-named by a drop record. One thread puts, another takes. Knows what is bulk, nothing else of what records mean.
+Decides what is left out where the writer is too slow: bulk first. That is counted and named in its place. One
+thread puts, another takes. Knows what is bulk, nothing else of what records mean.
 """
 
 from __future__ import annotations
@@ -9,73 +9,60 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 from hippomat_core.messages import LIDAR
-from hippomat_logs.records import DropRecord, SerialRecord, is_bulk
+from hippomat_logs.records import SerialRecord, is_bulk
 
 _PORT = 1 + [one.name for one in fields(SerialRecord)].index("port")  # in the tuple of a SerialRecord
 _FULL = "queue full: the disk was too slow"
 _FILLING = "queue half full: bulk was shed"
 
 
-class RecordQueue:
-    """Entries are (number, log time, record); a record is a message, or its class and its fields.
+@dataclass(slots=True)
+class LeftOut:
+    """Stands in the place of `count` records, the last of which came at stamp_ns."""
 
-    offset_ns: from stamps to log times. has_taker: where nothing may be left out, put() waits for room as
-    long as this is true.
+    stamp_ns: int
+    count: int
+    cause: str
+
+
+class RecordQueue:
+    """Entries are (stamp, record); a record is a message, its class and its fields, or a LeftOut.
+
+    has_taker: where nothing may be left out, put() waits for room as long as this is true.
     """
 
-    # Slots, because whoever puts has just slept: what it needs then lies close together.
-    __slots__ = (
-        "_dropping", "_half", "_has_taker", "_limit", "_next", "_offset_ns", "dropped", "entries", "last_ns",
-        "shed",
-    )  # fmt: skip
+    # Whoever puts has just slept, so that everything it touches must be fetched into the caches again. Hence
+    # slots, and `_credit`: a call of len() alone would be a third of put().
+    __slots__ = ("_credit", "_gap", "_half", "_has_taker", "_limit", "dropped", "entries", "shed")
 
-    def __init__(
-        self, limit: int, offset_ns: int, last_ns: int, has_taker: Callable[[], bool] | None = None
-    ) -> None:
-        self.entries: deque[tuple[int, int, Any]] = deque()
+    def __init__(self, limit: int, has_taker: Callable[[], bool] | None = None) -> None:
+        self.entries: deque[tuple[int, Any]] = deque()
         self._limit, self._half = limit, limit // 2
-        self._offset_ns = offset_ns
+        self._credit = self._half  # puts that find less than half a queue, whatever is taken meanwhile
         self._has_taker = has_taker
-        self._next = 1
-        self._dropping: tuple[int, str] | None = None  # first of the records that found no room, and why
-        self.last_ns = last_ns  # log time of the last record: of a drop record too, whatever the clock does
+        self._gap: LeftOut | None = None  # records that found no room, not in the queue yet
         self.dropped = self.shed = 0
-
-    @property
-    def numbered(self) -> int:
-        """Records so far, those left out included."""
-        return self._next - 1
 
     @property
     def drop_cause(self) -> str:
         """Why records are left out just now; "" while there is room."""
-        return self._dropping[1] if self._dropping is not None else ""
+        return self._gap.cause if self._gap is not None else ""
 
     def put(self, stamp_ns: int, record: Any) -> None:
-        number = self._next
-        self._next = number + 1
-        if (self._dropping is not None or len(self.entries) >= self._half) and not self._takes(
-            number, record
-        ):
-            return
-        self.last_ns = log_time_ns = stamp_ns + self._offset_ns
-        self.entries.append((number, log_time_ns, record))
+        self._credit -= 1
+        if self._credit >= 0 or self._takes(stamp_ns, record):
+            self.entries.append((stamp_ns, record))
 
     def serial(self, stamp_ns: int, port: int, direction: int, phase: int, data: bytes) -> None:
         """put() of a SerialRecord; repeats its lines, because this is half of all calls."""
-        number = self._next
-        self._next = number + 1
-        record = SerialRecord, stamp_ns, port, direction, phase, bytes(data)
-        if (self._dropping is not None or len(self.entries) >= self._half) and not self._takes(
-            number, record
-        ):
-            return
-        self.last_ns = log_time_ns = stamp_ns + self._offset_ns
-        self.entries.append((number, log_time_ns, record))
+        record = SerialRecord, stamp_ns, port, direction, phase, data if type(data) is bytes else bytes(data)
+        self._credit -= 1
+        if self._credit >= 0 or self._takes(stamp_ns, record):
+            self.entries.append((stamp_ns, record))
 
     def is_hurried(self) -> bool:
         """Does the writer fall behind, although it may not be waited for?"""
@@ -83,43 +70,44 @@ class RecordQueue:
 
     def end(self) -> None:
         """Nothing more is put."""
-        self._end_drop(self._next)
+        self._end_gap()
 
-    def left(self) -> int:
-        """Records in it that nobody has counted as lost yet, should nobody take them any more."""
-        return sum(type(record) is not DropRecord for _, _, record in tuple(self.entries))
+    def waiting(self) -> int:
+        """Records in it."""
+        return sum(type(record) is not LeftOut for _, record in tuple(self.entries))
 
     # ---- inside ----
 
-    def _takes(self, number: int, record: Any) -> bool:
-        """Is there room in a queue that is half full or more? If so, what was dropped before is named; if
-        not, the record is counted."""
-        waiting = len(self.entries)
+    def _takes(self, stamp_ns: int, record: Any) -> bool:
+        """Is there room? If so, what was left out before is named; if not, the record is counted."""
+        waiting, self._credit = len(self.entries), 0
         if self._has_taker is not None:
             while len(self.entries) >= self._limit and self._has_taker():
                 time.sleep(0.002)
         elif waiting >= self._limit:
             self.dropped += 1
-            self._drop(number, _FULL)
+            self._leave_out(stamp_ns, _FULL)
             return False
         elif waiting >= self._half and may_go(record):
             self.shed += 1
-            self._drop(number, _FILLING)
+            self._leave_out(stamp_ns, _FILLING)
             return False
-        self._end_drop(number)
+        self._end_gap()
+        self._credit = max(0, self._half - len(self.entries) - 1)
         return True
 
-    def _drop(self, number: int, cause: str) -> None:
-        if self._dropping is not None and self._dropping[1] != cause:
-            self._end_drop(number)
-        if self._dropping is None:
-            self._dropping = number, cause
+    def _leave_out(self, stamp_ns: int, cause: str) -> None:
+        if self._gap is not None and self._gap.cause != cause:
+            self._end_gap()
+        if self._gap is None:
+            self._gap = LeftOut(stamp_ns, 0, cause)
+        self._gap.stamp_ns, self._gap.count = stamp_ns, self._gap.count + 1
 
-    def _end_drop(self, before: int) -> None:
-        """Put the drop record of what found no room before number `before`."""
-        if self._dropping is not None:
-            (first, cause), self._dropping = self._dropping, None
-            self.entries.append((before - 1, self.last_ns, DropRecord(first, before - 1, cause)))
+    def _end_gap(self) -> None:
+        """Put what found no room, if anything."""
+        if self._gap is not None:
+            self.entries.append((self._gap.stamp_ns, self._gap))
+            self._gap = None
 
 
 def may_go(record: Any) -> bool:

@@ -20,7 +20,7 @@ from hippomat_core.config import Config
 from hippomat_logs.derived import DerivedTopics
 from hippomat_logs.disk_space import NO_BULK, NO_VIEWS, DiskWatch, FreeBytes, check_forecast, free_bytes
 from hippomat_logs.parts import Encoded
-from hippomat_logs.record_queue import RecordQueue, kind_of, may_go
+from hippomat_logs.record_queue import LeftOut, RecordQueue, kind_of, may_go
 from hippomat_logs.records import DropRecord, ProcessRecord, TimingRecord
 from hippomat_logs.recovery import recover_directory
 from hippomat_logs.run_series import attachments, begin, series_of
@@ -28,7 +28,7 @@ from hippomat_logs.schema import TOPICS, MessageStore
 from hippomat_logs.sink import SinkOpener, file_sinks
 
 PLUG_S = 0.5  # a plug that is pulled costs so much at most: from one sync's begin to the next one's end
-SYNC_S, MIN_SYNC_S = 0.4, 0.1  # from begin to begin; sooner where the disk takes longer than what is left
+SYNC_S, MIN_SYNC_S = 0.45, 0.1  # from begin to begin; sooner where the disk takes longer than what is left
 LOSSLESS_WAKE_S = 0.01  # somebody may be waiting for room in the queue; otherwise the writer wakes to sync
 QUEUE_RECORDS = 8192
 BATCH_RECORDS = 40  # on their way to the file at once: so many are lost where it does not take them
@@ -52,7 +52,10 @@ def bound_interpreter_wait() -> None:
 
 @dataclass(frozen=True, slots=True)
 class RecorderStatus:
-    """How recording goes; `problem` is "" while everything is kept. shed: bulk left out."""
+    """How recording goes; `problem` is "" while everything is kept. shed: bulk left out.
+
+    records: all so far, but for those of the batch that is being encoded.
+    """
 
     records: int
     lost: int
@@ -102,11 +105,11 @@ class Recorder:
         self._derived = DerivedTopics(self._store, config)
         self._drawn = self._derived.kinds
         self._lossless = lossless
-        self._queue = RecordQueue(
-            queue_records, wall_ns - stamp_ns, wall_ns, self._is_written if lossless else None
-        )
+        self._queue = RecordQueue(queue_records, self._is_written if lossless else None)
         # what the control loop calls hundreds of times a second goes there without a detour
         self.put, self.serial = self._queue.put, self._queue.serial
+        self._offset_ns, self._last_ns = wall_ns - stamp_ns, _held(wall_ns)  # from stamps to log times
+        self._number = self._taken = 0  # of the last record; records that came out of the queue
         self._unfit = self._shed = 0
         self._gap: DropRecord | None = None  # what the writer sheds just now
         self._ready: list[Encoded] = []  # a batch on its way to the file
@@ -130,14 +133,13 @@ class Recorder:
     def status(self) -> RecorderStatus:
         lost = self._queue.dropped + self._unfit + self._series.lost_records
         if self._ended:  # nobody takes any more out of the queue
-            lost += self._queue.left()
+            lost += self._queue.waiting()
         problem = self._series.problem or self._fault or self._disk.problem
         if not problem and (cause := self._queue.drop_cause):
             problem = f"the log's {cause}"
         problem = problem or self._series.warning
-        return RecorderStatus(
-            self._queue.numbered, lost, problem, self._series.name, self._queue.shed + self._shed
-        )
+        records = self._taken + self._queue.waiting() + self._queue.dropped + self._queue.shed
+        return RecorderStatus(records, lost, problem, self._series.name, self._queue.shed + self._shed)
 
     def close(self, timeout_s: float = 10.0) -> RecorderStatus:
         """Write what is queued and finish the file. A disk that hangs is given `timeout_s`."""
@@ -179,7 +181,7 @@ class Recorder:
                 due_s = now_s + period_s(sync_s)
             if closing and not self._queue.entries:
                 break
-        self._end_gap(_held(self._queue.last_ns))
+        self._end_gap(self._last_ns)
         self._hand_on(time.monotonic())
         shed = self._queue.shed + self._shed
         self._series.close(
@@ -197,10 +199,13 @@ class Recorder:
     def _write(self, count: int) -> None:
         """So many records as bytes, with the views of them, for _hand_on."""
         take, drawn, ready = self._queue.entries.popleft, self._drawn, self._ready
-        encoders, rows = self._encoders, self._row_encoders
+        encoders, rows, offset_ns, number = self._encoders, self._row_encoders, self._offset_ns, self._number
         sheds, views = self._level >= NO_BULK, self._level < NO_VIEWS and not self._queue.is_hurried()
+        log_time_ns, left_out = self._last_ns, 0
         for _ in range(count):
-            number, log_time_ns, record = take()
+            stamp_ns, record = take()
+            number += 1
+            log_time_ns = stamp_ns + offset_ns
             if not 0 <= log_time_ns <= _LAST_NS:
                 log_time_ns = _held(log_time_ns)
             if sheds and may_go(record):
@@ -210,6 +215,10 @@ class Recorder:
             if self._gap is not None:
                 self._end_gap(log_time_ns)
             kind = type(record)
+            if kind is LeftOut:
+                left_out += 1
+                kind, record = DropRecord, DropRecord(number, number + record.count - 1, record.cause)
+                number = record.last
             try:
                 topic, encode = encoders[kind] if kind is not tuple else rows[record[0]]
                 ready.append(_new(Encoded, (topic, number, log_time_ns, encode(record), False)))
@@ -218,6 +227,8 @@ class Recorder:
             if kind in drawn and views:  # these are shed first
                 for view, data in self._views(record, log_time_ns):
                     ready.append(Encoded(view, number, log_time_ns, data, derived=True))
+        self._number, self._last_ns = number, log_time_ns
+        self._taken += count - left_out
 
     def _hand_on(self, now_s: float) -> None:
         self._series.add_all(self._ready, now_s)

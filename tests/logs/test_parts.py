@@ -172,7 +172,7 @@ def test_what_mcap_cannot_hold_costs_its_batch_and_is_named(tmp_path: Path) -> N
 @pytest.mark.parametrize("wall_ns", [-(1 << 62), (1 << 63) - 1])
 def test_a_clock_that_is_off_by_centuries_costs_no_record(tmp_path: Path, wall_ns: int) -> None:
     recorder = new_recorder(tmp_path)
-    recorder._queue._offset_ns = wall_ns  # the name of a file holds no such year, a clock that steps may
+    recorder._offset_ns = wall_ns  # the name of a file holds no such year, a clock that steps may
     for k in range(5):
         recorder.put(START_NS + k, m.Tick(START_NS + k))
     status = recorder.close()
