@@ -6,7 +6,10 @@ A robot decides on exactly the codes it broadcasts.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from hippomat_core.wire.frames import UNREACHABLE
@@ -19,10 +22,17 @@ def quantise(costs_s: ArrayLike, c_max_s: float) -> NDArray[np.uint8]:
     if not c_max_s > 0.0:
         raise ValueError(f"c_max_s = {c_max_s!r} must be above 0; set [fleet] c_max_s or give a map")
     costs = np.asarray(costs_s, np.float64)
-    finite = np.isfinite(costs)
-    share = np.minimum(np.maximum(np.where(finite, costs, 0.0) / c_max_s, 0.0), 1.0)
-    codes = np.rint(FULL_SCALE * np.sqrt(share))
-    return np.where(finite, codes, UNREACHABLE).astype(np.uint8)
+    return _codes(costs.ravel(), c_max_s).reshape(costs.shape)
+
+
+@njit(cache=True, nogil=True)
+def _codes(costs_s: NDArray[np.float64], c_max_s: float) -> NDArray[np.uint8]:
+    codes = np.full(len(costs_s), UNREACHABLE, np.uint8)
+    for k in range(len(costs_s)):
+        if math.isfinite(costs_s[k]):
+            share = min(max(costs_s[k] / c_max_s, 0.0), 1.0)
+            codes[k] = np.uint8(np.rint(FULL_SCALE * math.sqrt(share)))
+    return codes
 
 
 def dequantise(codes: NDArray[np.uint8], c_max_s: float) -> NDArray[np.float64]:

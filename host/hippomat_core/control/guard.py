@@ -12,12 +12,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.config import Config, LidarConfig
-from hippomat_core.control.stopping import Points, free_travel_m, free_turn_rad, nearest_m
+from hippomat_core.control.stopping import (
+    Points,
+    carried,
+    free_travel_m,
+    free_turn_rad,
+    kept_clear_of,
+    nearest_m,
+)
 from hippomat_core.messages import ScanReceived
 
 CRAWL_MPS = 0.015  # slower than this is standing: the base's motors would only hum
@@ -101,12 +109,7 @@ def carried_along(
 
     Without it a robot that has turned since the sweep would brake for things beside it.
     """
-    c, s, shift_x, shift_y = carrying(then, now)
-    x, y = points[:, 0], points[:, 1]
-    moved = np.empty_like(points)
-    moved[:, 0] = c * x - s * y + shift_x
-    moved[:, 1] = s * x + c * y + shift_y
-    return moved
+    return carried(points, *carrying(then, now))
 
 
 def hidden_points(points: Points, lidar: LidarConfig) -> Points:
@@ -184,12 +187,16 @@ def _things_seen(
     settings, limits = config.guard, config.limits
     until_s = late.scan_s + late.odometry_s + settings.latency_s + abs(v_mps) / limits.decel_mps2
     come_m = settings.obstacle_speed_mps * until_s
-    xy = np.concatenate([points, peers[:, :2]])
-    size_m = np.full(len(xy), come_m)
-    size_m[len(points) :] += peers[:, 2]
-    corners = np.array(config.robot.footprint, np.float64).reshape(-1, 2)
+    xy, size_m, gap_m = kept_clear_of(points, peers, come_m, settings.margin_m)
+    corners = _corners(config.robot.footprint)
     nearest = float(nearest_m(xy, size_m, corners, config.robot.radius_m))
-    return _Seen(xy, size_m + settings.margin_m, corners, nearest)
+    return _Seen(xy, gap_m, corners, nearest)
+
+
+@lru_cache(maxsize=16)  # of a robot it is one, asked for at every tick
+def _corners(footprint: tuple[float, ...]) -> Points:
+    """(k, 2); not to be written to."""
+    return np.array(footprint, np.float64).reshape(-1, 2)
 
 
 def _guarded_turn(seen: _Seen, wz_radps: float, config: Config, late: Lateness) -> GuardedDrive:

@@ -28,6 +28,7 @@ from hippomat_core.control.nav_state import (
     Stretch,
     View,
 )
+from hippomat_core.control.path_kernels import nearest_point, ways_m
 from hippomat_core.control.together import Together, choose_together
 from hippomat_core.planning.astar import path_length_m
 from hippomat_core.planning.costmap import Costmap, nearest_free
@@ -172,20 +173,17 @@ def _tracked(nav: Navigator, view: View) -> tuple[Navigator, float]:
     assert nav.path is not None
     low = max(nav.cursor - 2, 0)
     xy = view.costmap.centres(nav.path[low : nav.cursor + 8])
-    away_m = np.hypot(xy[:, 0] - view.motion.x_m, xy[:, 1] - view.motion.y_m)
-    nearest = int(np.argmin(away_m))
-    return replace(nav, cursor=low + nearest), float(away_m[nearest])
+    nearest, off_m = nearest_point(xy, view.motion.x_m, view.motion.y_m)
+    return nav if nav.cursor == low + nearest else replace(nav, cursor=low + nearest), off_m
 
 
 def _stretch(nav: Navigator, view: View) -> Stretch:
     """The next points of the path, and how far along them we may go."""
     points = _ahead(nav, view)
-    way = np.empty((len(points) + 1, 2))
-    way[0], way[1:] = (view.motion.x_m, view.motion.y_m), points
-    legs = way[1:] - way[:-1]
-    along_m = np.hypot(legs[:, 0], legs[:, 1]).cumsum()
+    along_m = ways_m(points, view.motion.x_m, view.motion.y_m)
     limits = view.config.limits
-    heading_rad = math.atan2(points[0, 1] - view.motion.y_m, points[0, 0] - view.motion.x_m)
+    x, y = points[0].tolist()
+    heading_rad = math.atan2(y - view.motion.y_m, x - view.motion.x_m)
     turn_s = abs(math.remainder(heading_rad - view.motion.yaw_rad, math.tau)) / limits.turn_radps
     at_s = turn_s + along_m / limits.speed_mps
     # Who gives way leaves an intent it stands in, and so may cross it.

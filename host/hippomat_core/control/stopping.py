@@ -41,6 +41,34 @@ def beyond_body_m(x: float, y: float, corners: Points, radius_m: float) -> float
 
 
 @njit(cache=True, nogil=True)
+def carried(points: Points, c: float, s: float, shift_x: float, shift_y: float) -> Points:
+    """(n, 2) points turned and moved: guard.carrying."""
+    moved = np.empty(points.shape, np.float64)
+    for k in range(len(points)):
+        x, y = points[k, 0], points[k, 1]
+        moved[k, 0] = c * x - s * y + shift_x
+        moved[k, 1] = s * x + c * y + shift_y
+    return moved
+
+
+@njit(cache=True, nogil=True)
+def kept_clear_of(
+    points: Points, peers: NDArray[np.float64], come_m: float, margin_m: float
+) -> tuple[Points, NDArray[np.float64], NDArray[np.float64]]:
+    """All things (n + k, 2), how much nearer the edge of each may be (n + k,), and the same with the margin.
+
+    points: (n, 2)   peers: (k, 3) x, y, radius [m]   come_m: how far anything may have come by itself
+    """
+    seen, count = len(points), len(points) + len(peers)
+    xy, size_m = np.empty((count, 2), np.float64), np.full(count, come_m)
+    xy[:seen] = points
+    for k in range(len(peers)):
+        xy[seen + k, 0], xy[seen + k, 1] = peers[k, 0], peers[k, 1]
+        size_m[seen + k] += peers[k, 2]
+    return xy, size_m, size_m + margin_m
+
+
+@njit(cache=True, nogil=True)
 def nearest_m(xy: Points, gap_m: NDArray[np.float64], corners: Points, radius_m: float) -> float:
     """How near the nearest thing is: beyond the body's edge, less its own gap. inf: there is nothing.
 

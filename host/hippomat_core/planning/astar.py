@@ -117,10 +117,16 @@ def path_length_m(path: Path, resolution_m: float) -> float:
     """Length of a path along its cell centres [m], in the planner's own integer costs."""
     if len(path) < 2:
         return 0.0
-    moves = np.abs(path[1:] - path[:-1])
-    diagonal = int(np.count_nonzero(moves[:, 0] + moves[:, 1] == 2))
-    steps = STRAIGHT * (len(path) - 1 - diagonal) + DIAGONAL * diagonal
-    return steps * resolution_m / STRAIGHT
+    return _steps(path) * resolution_m / STRAIGHT
+
+
+@njit(cache=True, nogil=True)
+def _steps(path: Path) -> int:
+    steps = 0
+    for k in range(1, len(path)):
+        moved = abs(path[k, 0] - path[k - 1, 0]) + abs(path[k, 1] - path[k - 1, 1])
+        steps += DIAGONAL if moved == 2 else STRAIGHT
+    return steps
 
 
 @njit(cache=True)  # with the interpreter's lock: the scratch belongs to one search at a time

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
@@ -34,15 +35,22 @@ class Costmap:
     def centres(self, cells: NDArray[np.int32]) -> NDArray[np.float64]:
         """(n, 2) [m]: the middles of cells (n, 2) [ix, iy]."""
         grid = self.grid
-        middles = cells.astype(np.float64)
-        middles += 0.5
-        middles *= grid.resolution_m
-        middles += (grid.origin_x_m, grid.origin_y_m)
-        return middles
+        return _middles(cells, grid.resolution_m, grid.origin_x_m, grid.origin_y_m)
 
     def is_free(self, cell: tuple[int, int]) -> bool:
         """True where (ix, iy) lies in the grid and is free."""
         return self.grid.holds(*cell) and bool(self.free[cell[1], cell[0]])
+
+
+@njit(cache=True, nogil=True)
+def _middles(
+    cells: NDArray[np.int32], resolution_m: float, origin_x_m: float, origin_y_m: float
+) -> NDArray[np.float64]:
+    middles = np.empty(cells.shape, np.float64)
+    for k in range(len(cells)):
+        middles[k, 0] = (cells[k, 0] + 0.5) * resolution_m + origin_x_m
+        middles[k, 1] = (cells[k, 1] + 0.5) * resolution_m + origin_y_m
+    return middles
 
 
 def inflate(

@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.config import Config
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.planning.taken_kernels import TOLERANCE_M, discs_from, intent_cells, intent_steps, stretch
 from hippomat_core.replaced import quickly_made, replace
 from hippomat_core.wire.frames import MAX_INTENT_STEPS, NO_SLOT, StateFrame
 
@@ -28,7 +28,7 @@ FRESH_S = 0.3  # up to this age a peer's intent says where it may be; beyond, it
 MAX_GROWTH_M = 0.25
 FORGET_GROWTH_S = 10.0  # a peer silent for so long stands where it was last heard, or is far away
 COMMITTED_M = 0.02  # a standing peer may just have started
-TOLERANCE_M = 0.002
+COLUMNS = 6  # of a disc while discs are collected: x, y, radius, from_s, robot, intended
 
 
 @quickly_made
@@ -60,7 +60,7 @@ def peer_motion(robot: int, frame: StateFrame, age_s: float, sent_round: int = -
         y_m=frame.y_cm / 100.0,
         speed_mps=frame.speed_2cmps / 50.0,
         age_s=age_s,
-        intent=_known_intent(frame.intent_ix, frame.intent_iy, frame.intent_steps.tobytes()),
+        intent=decode_intent(frame.intent_ix, frame.intent_iy, frame.intent_steps),
         destination=None if claim.slot == NO_SLOT else (claim.x_cm / 100.0, claim.y_cm / 100.0),
         told_round=sent_round - 2,
         claim_round=claim.round,
@@ -78,25 +78,13 @@ def encode_intent(cells: Cells) -> tuple[int, int, NDArray[np.uint8]]:
 
     A move is (dx+1) + 3 (dy+1) + 9 (dz+1); ground robots have dz = 0.
     """
-    sent = cells[: MAX_INTENT_STEPS + 1]
-    moves = sent[1:] - sent[:-1]
-    steps = (moves[:, 0] + 1 + 3 * (moves[:, 1] + 1) + 9).astype(np.uint8)
-    return int(cells[0, 0]), int(cells[0, 1]), steps
+    ix, iy = cells[0].tolist()
+    return ix, iy, intent_steps(cells[: MAX_INTENT_STEPS + 1])
 
 
 def decode_intent(ix: int, iy: int, steps: NDArray[np.uint8]) -> Cells:
-    """The cells (K, 2) of an intent, first one included; height is left out."""
-    moves = steps.astype(np.int32)
-    cells = np.empty((len(moves) + 1, 2), np.int32)
-    cells[0] = ix, iy
-    cells[1:, 0] = moves % 3 - 1
-    cells[1:, 1] = moves // 3 % 3 - 1
-    return cells.cumsum(axis=0, dtype=np.int32)
-
-
-@lru_cache(maxsize=256)  # asked for at every tick, and told anew at every second one
-def _known_intent(ix: int, iy: int, steps: bytes) -> Cells:
-    cells = decode_intent(ix, iy, np.frombuffer(steps, np.uint8))
+    """The cells (K, 2) of an intent, first one included; height is left out. Not to be written to."""
+    cells = intent_cells(ix, iy, steps)
     cells.flags.writeable = False
     return cells
 
@@ -149,17 +137,12 @@ def reserve(
 ) -> Taken:
     """All that is taken now. marks: (x, y) of unknown obstacles that the scan guard stopped us for."""
     out_m = keep_out_m(config)
-    rows: list[tuple[float, float, float, float, int, bool]] = []
+    discs: list[float] = []  # COLUMNS to each: one flat list is an array much sooner than one of rows
     for peer in peers:
-        rows += _peer_rows(peer, grid, has_priority(peer, config.robot.id, own_wants), config, out_m)
-    rows += [(x, y, out_m / 2, 0.0, -1, False) for x, y in marks]
-    table = np.array(rows, np.float64).reshape(-1, 6)
-    xy = table[:, :2]
-    distance_m = np.hypot(xy[:, 0] - own_xy[0], xy[:, 1] - own_xy[1])
-    inside = distance_m < table[:, 2]
-    # Inside a taken disc we may still move away from its middle, never nearer.
-    radius_m = np.where(inside, np.maximum(distance_m - TOLERANCE_M, 0.0), table[:, 2])
-    return Taken(xy, radius_m, table[:, 3], table[:, 4].astype(np.int32), table[:, 5] > 0, inside)
+        _take_peer(discs, peer, grid, has_priority(peer, config.robot.id, own_wants), config, out_m)
+    for x, y in marks:
+        discs += (x, y, out_m / 2, 0.0, -1.0, 0.0)
+    return Taken(*discs_from(np.array(discs, np.float64).reshape(-1, COLUMNS), *own_xy))
 
 
 def committed(
@@ -186,34 +169,36 @@ def committed(
     inside = (distance_m < out_m) & (table[:, 2] == 0.0)
     radius_m = np.where(inside, np.maximum(distance_m - TOLERANCE_M, 0.0), out_m + table[:, 2])
     now, never = np.zeros(len(table)), np.zeros(len(table), np.bool_)
-    return Taken(table[:, :2], radius_m, now, table[:, 3].astype(np.int32), never, inside)
+    return Taken(
+        np.ascontiguousarray(table[:, :2]), radius_m, now, table[:, 3].astype(np.int32), never, inside
+    )
 
 
-def _peer_rows(
-    peer: PeerMotion, grid: OccupancyGrid, priority: bool, config: Config, out_m: float
-) -> list[tuple[float, float, float, float, int, bool]]:
+def _take_peer(
+    discs: list[float], peer: PeerMotion, grid: OccupancyGrid, priority: bool, config: Config, out_m: float
+) -> None:
+    """Its discs: where it is, where it may be before it reacts, and what it intends if it has priority."""
     limits = config.limits
-    age_s = peer.age_s
+    age_s, robot = peer.age_s, float(peer.robot)
     growth_m = 0.0
     if FRESH_S < age_s < FORGET_GROWTH_S:
         growth_m = min(limits.speed_mps * (age_s - FRESH_S), MAX_GROWTH_M)
     speed = min(limits.speed_mps, peer.speed_mps + limits.accel_mps2 * age_s)
     committed_m = speed * min(age_s, FRESH_S) + speed * speed / (2.0 * limits.accel_mps2) + COMMITTED_M
-    rows = [(peer.x_m, peer.y_m, out_m + growth_m, 0.0, peer.robot, False)]
+    x, y = peer.x_m, peer.y_m
+    discs += (x, y, out_m + growth_m, 0.0, robot, 0.0)
+    keeps_intent = priority and age_s <= config.planning.peer_stale_s
     along_m = 0.0
-    last_x, last_y = peer.x_m, peer.y_m
     for ix, iy in peer.intent.tolist():
+        last_x, last_y = x, y
         x, y = grid.centre_of(ix, iy)
         along_m += math.hypot(x - last_x, y - last_y)
-        last_x, last_y = x, y
         if along_m <= committed_m:
-            rows.append((x, y, out_m + growth_m, 0.0, peer.robot, False))
-        elif priority and age_s <= config.planning.peer_stale_s:
-            earliest_s = max(along_m / limits.speed_mps - age_s, 0.0)
-            rows.append((x, y, out_m, earliest_s, peer.robot, True))
+            discs += (x, y, out_m + growth_m, 0.0, robot, 0.0)
+        elif keeps_intent:
+            discs += (x, y, out_m, max(along_m / limits.speed_mps - age_s, 0.0), robot, 1.0)
         else:
             break
-    return rows
 
 
 def free_stretch(
@@ -225,20 +210,7 @@ def free_stretch(
     Crossing an intent is allowed where the crossing is over slack_s before its owner can be there; otherwise
     the stretch ends before the crossing begins, so that nobody waits in the middle of another's way.
     """
-    if not len(points) or not len(taken.xy):
-        return len(points), -1
-    dx = points[:, 0, None] - taken.xy[:, 0]
-    dy = points[:, 1, None] - taken.xy[:, 1]
-    overlap = dx * dx + dy * dy < taken.radius_m**2
-    fails = overlap & (at_s[:, None] + slack_s > taken.from_s)
-    if not fails.any():
-        return len(points), -1
-    first = int(np.argmax(fails.any(axis=1)))
-    owner = int(taken.robot[int(np.argmax(fails[first]))])
-    theirs = [bool(row.any()) for row in overlap[:, taken.robot == owner]]
-    while first > 0 and theirs[first - 1]:
-        first -= 1
-    return first, owner
+    return stretch(points, at_s, slack_s, taken.xy, taken.radius_m, taken.from_s, taken.robot)
 
 
 def taken_cells(xy: Positions, radius_m: NDArray[np.float64], grid: OccupancyGrid) -> NDArray[np.bool_]:
