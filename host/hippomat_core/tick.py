@@ -5,6 +5,8 @@ Twenty times a second. Knows the state only; lengths are configured, ages are di
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -135,16 +137,24 @@ def peers_in_the_way(state: State, now_ns: int) -> list[PeerMotion]:
     """
     return [
         _motion(state, peer, placed, now_ns)
-        for peer, placed in ((peer, peer.placed) for peer in state.fleet.peers if peer is not None)
-        if placed is not None and (placed.frame is peer.frame or now_ns - placed.stamp_ns <= LOST_NS)
+        for peer in state.fleet.peers
+        if peer is not None
+        and (placed := peer.placed) is not None
+        and (placed.frame is peer.frame or now_ns - placed.stamp_ns <= LOST_NS)
     ]
 
 
 def _motion(state: State, peer: Peer, placed: Placed, now_ns: int) -> PeerMotion:
     """Of a robot with another map or other settings nothing counts but its body."""
     agreed = peer.agrees and placed.frame.fleet_digest == state.fleet.digest
-    motion = peer_motion(peer.robot, placed.frame, (now_ns - placed.stamp_ns) / 1e9, placed.round)
+    motion = replace(_told(peer.robot, placed), age_s=(now_ns - placed.stamp_ns) / 1e9)
     return motion if agreed or state.ground is None else body_only(motion, state.ground.costmap.grid)
+
+
+@lru_cache(maxsize=1024)  # values, asked for at every tick and new at every second one; hashed by identity
+def _told(robot: int, placed: Placed) -> PeerMotion:
+    """What a STATE said of its robot's motion when it was heard."""
+    return peer_motion(robot, placed.frame, 0.0, placed.round)
 
 
 def _seen(state: State) -> NDArray[np.float64]:
@@ -160,9 +170,8 @@ def _discs(state: State, peers: list[PeerMotion]) -> NDArray[np.float64]:
     """
     radius_m, stale_s = state.config.robot.radius_m, state.config.planning.peer_stale_s
     c, s, dx, dy = carrying((0.0, 0.0, 0.0), state.pose)
-    discs = [
-        (c * p.x_m - s * p.y_m + dx, s * p.x_m + c * p.y_m + dy, radius_m + p.speed_mps * p.age_s)
-        for p in peers
-        if p.age_s <= stale_s
-    ]
+    discs: list[float] = []
+    for p in peers:
+        if p.age_s <= stale_s:
+            discs += c * p.x_m - s * p.y_m + dx, s * p.x_m + c * p.y_m + dy, radius_m + p.speed_mps * p.age_s
     return np.array(discs, np.float64).reshape(-1, 3)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TypeVar
 
 from hippomat_core.fleet import votes as rule_f
-from hippomat_core.fleet.peers import Peer, is_newer
+from hippomat_core.fleet.peers import Peer, is_newer, placed_now
 from hippomat_core.fleet.rows import Relayed, Row, claim_news, newest_row
 from hippomat_core.fleet.state import FleetState, Heard, awake
 from hippomat_core.fleet.tasks import turned_effects
@@ -66,7 +66,7 @@ def heard_state(fleet: FleetState, stamp_ns: int, header: Header, frame: StateFr
         frame,
         agrees,
         number,
-        before=None if known is None else known.placed,
+        placed=placed_now(known, stamp_ns, frame, number),
     )
     before = fleet.row(sender)
     fleet, effects = _digest_alarm(fleet, peer)

@@ -39,19 +39,19 @@ class Peer:
     agrees: bool  # its fleet digest is ours
     round: int  # of fleet time, in which it was sent
     live: bool = True  # False: unheard for T_dead, its claim has expired
-    before: Placed | None = None  # while it does not know where it is: when it last did
-
-    @property
-    def placed(self) -> Placed | None:
-        """Where it last knew that it is."""
-        if self.frame.flags & FLAG_LOCALIZED:
-            return Placed(self.stamp_ns, self.frame, self.round)
-        return self.before
+    placed: Placed | None = None  # where it last knew that it is
 
     @property
     def claim(self) -> ClaimId | None:
         """Its claim, while it lives and belongs to our fleet."""
         return claim_of(self.robot, self.frame.claim) if self.live and self.agrees else None
+
+
+def placed_now(known: Peer | None, stamp_ns: int, frame: StateFrame, number: int) -> Placed | None:
+    """Where a robot last knew that it is, after a frame of round `number`. known: what was heard before."""
+    if frame.flags & FLAG_LOCALIZED:
+        return Placed(stamp_ns, frame, number)
+    return None if known is None else known.placed
 
 
 def is_newer(header: Header, known: Peer | None, stamp_ns: int, dead_ns: int) -> bool:
