@@ -6,6 +6,7 @@ them on. Our own row is what we broadcast, not what we know by now: others decid
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -49,41 +50,51 @@ def take_snapshot(fleet: FleetState, stamp_ns: int) -> Snapshot:
     """The rows held at `stamp_ns`, the end of round `fleet.clock.round`."""
     n, m = len(fleet.peers), len(fleet.tasks.generations)
     costs = np.full((n, m), UNREACHABLE, np.uint8)
-    available, busy, present, assigned, agree = (np.zeros(n, np.bool_) for _ in range(5))
-    late, ages_ns = np.ones(n, np.bool_), np.full(n, np.inf)
-    sequence, boot = np.zeros(n, np.uint32), np.zeros(n, np.uint32)
-    rssi, slot = np.zeros(n, np.int8), np.full(n, NO_SLOT, np.uint8)
-    via = np.full(n, HEARD_DIRECTLY, np.uint8)
+    # A few robots: lists are filled, and made arrays, in a fraction of the time that single elements take.
+    available, busy, present, assigned, agree = ([False] * n for _ in range(5))
+    late, ages = [True] * n, [math.inf] * n
+    sequence, boot, rssi, slot, via = [0] * n, [0] * n, [0] * n, [NO_SLOT] * n, [HEARD_DIRECTLY] * n
+    known, dead_ns = (None, fleet.tasks.digest), fleet.timing.dead_ns
     for row in _rows(fleet):
         k = row.robot
-        ages_ns[k] = stamp_ns - row.stamp_ns
+        ages[k] = stamp_ns - row.stamp_ns
         sequence[k], boot[k], rssi[k], via[k] = row.sequence, row.boot, row.rssi_dbm, row.via
         if not row.agrees:
             continue
         late[k] = _is_late(fleet, stamp_ns, row)
         slot[k] = row.slot
         costs[k] = row.costs
-        present[k] = stamp_ns - row.alive_ns <= fleet.timing.dead_ns
+        present[k] = stamp_ns - row.alive_ns <= dead_ns
         assigned[k] = row.slot != NO_SLOT
         available[k] = present[k] and row.available
         busy[k] = present[k] and row.busy
-        agree[k] = row.generations_digest in (None, fleet.tasks.digest)
+        agree[k] = row.generations_digest in known
     if fleet.sent_generations is not None and fleet.robot >= 0:
         costs[fleet.robot, fleet.sent_generations != fleet.tasks.generations] = UNREACHABLE
+    ages_ns = np.array(ages, np.float64)
     problem = Problem(
         costs_q=costs,
-        available=available,
-        busy=busy,
+        available=np.array(available, np.bool_),
+        busy=np.array(busy, np.bool_),
         waiting=waiting_tasks(fleet, stamp_ns),
-        present=present,
-        assigned=assigned,
+        present=np.array(present, np.bool_),
+        assigned=np.array(assigned, np.bool_),
         ages_rounds=(ages_ns / fleet.timing.round_ns).astype(np.float32),
         self_index=max(fleet.robot, 0),
         round=fleet.clock.round,
         seed=fleet.config.seed,
     )
-    age_ms = np.minimum(ages_ns / 1e6, NEVER_HEARD_MS).astype(np.uint16)
-    return Snapshot(problem, late, agree, sequence, boot, age_ms, rssi, via, slot)
+    return Snapshot(
+        problem=problem,
+        late=np.array(late, np.bool_),
+        digests_agree=np.array(agree, np.bool_),
+        sequence=np.array(sequence, np.uint32),
+        boot=np.array(boot, np.uint32),
+        age_ms=np.minimum(ages_ns / 1e6, NEVER_HEARD_MS).astype(np.uint16),
+        rssi_dbm=np.array(rssi, np.int8),
+        via=np.array(via, np.uint8),
+        slot=np.array(slot, np.uint8),
+    )
 
 
 def _rows(fleet: FleetState) -> Iterator[Row]:
