@@ -321,6 +321,7 @@ Event: TypeAlias = (
 # ---- effects ------------------------------------------------------------------------------------
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class SendState:
     """Our STATE for this round; replaces an unsent one in the radio."""
@@ -366,6 +367,7 @@ class RecoveryChanged:
     yaw_rad: F64
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class PoseEstimated:
     """Where the robot believes it is (map frame), once per tick."""

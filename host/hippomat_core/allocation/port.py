@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.allocation.observation import observations
-from hippomat_core.replaced import replace
+from hippomat_core.replaced import quickly_made, replace
 from hippomat_core.wire.frames import UNREACHABLE
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
     """The common snapshot of a round, seen from robot `self_index`. N rows in id order, M task slots.
@@ -48,6 +49,7 @@ class Problem:
         return observations(self.costs_q, self.assigned, self.waiting, self.present)
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class Decision:
     """action: 0 = no request, j = task slot j - 1. logits: (M + 1,) or empty where there is no policy."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hippomat_core.config import Config, ControlConfig, LimitsConfig
 from hippomat_core.control.pursuit import pursued_point
 from hippomat_core.planning.costmap import Costmap
+from hippomat_core.replaced import quickly_made
 
 TURN_GAIN = 3.0  # [1/s]
 SLOWEST_MPS = 0.03  # slower than this is standing: there is no curvature, and the base would only hum
@@ -24,6 +25,7 @@ REACTION_S = 0.1  # command to wheels
 NEAREST_M = 0.05  # a pursued point nearer than this says little about the curvature
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class Motion:
     """Pose in the map frame and measured speed in the base frame."""
@@ -35,6 +37,7 @@ class Motion:
     wz_radps: float = 0.0
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class Drive:
     """Commanded velocity; `turning` is the follower's only memory besides the velocity itself."""

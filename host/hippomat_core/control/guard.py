@@ -27,6 +27,7 @@ from hippomat_core.control.stopping import (
     nearest_m,
 )
 from hippomat_core.messages import ScanReceived
+from hippomat_core.replaced import quickly_made
 
 CRAWL_MPS = 0.015  # slower than this is standing: the base's motors would only hum
 TURN_Q6 = 360 * 64
@@ -34,6 +35,7 @@ HOLE_Q6 = 15 * 64  # samples are one or two degrees apart: a wider hole is damag
 HIDDEN_KEPT = 360
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class GuardedDrive:
     """The velocity that is safe to command; `limited` where it is not the one that was asked for."""
@@ -48,6 +50,7 @@ class GuardedDrive:
     stop_m: float = 0.0  # what stopping would take
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class Lateness:
     """How old it is what the guard decides from, and what the base did when it last said so."""
@@ -170,6 +173,7 @@ def fastest(free: float, reaction_s: float, decel: float) -> float:
     return decel * (math.sqrt(reaction_s * reaction_s + 2.0 * free / decel) - reaction_s)
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
     """Everything to keep clear of, and our body."""

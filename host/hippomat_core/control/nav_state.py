@@ -124,6 +124,7 @@ class View:
         return taken_cells(taken.xy, taken.radius_m, self.costmap.grid)
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
     """The path ahead and how much of it is ours."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from hippomat_core.config import Config
 from hippomat_core.control.follower import Motion
-from hippomat_core.replaced import replace
+from hippomat_core.replaced import quickly_made, replace
 
 NEVER = -1
 DRIVE, CLEAR, BACK_UP, TURN, WAIT, GIVE_UP = "drive", "clear", "back_up", "turn", "wait", "give_up"
@@ -46,6 +46,7 @@ SLIP = 3.0  # wheels that turned for so many times progress_m without the pose m
 IDLE_MPS = 0.02  # less was commanded, or measured, on average: not driven at all
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class Symptoms:
     """What is seen of the robot in one tick."""
@@ -71,6 +72,7 @@ class Order:
 NOTHING = Order()
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class Standstill:
     """Since there last was progress."""
@@ -82,6 +84,7 @@ class Standstill:
     wheels_m: float = 0.0  # of which the wheels turned
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class Approach:
     """Whether the way to the goal gets shorter than it ever was."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.fleet.claims import OwnClaim
+from hippomat_core.replaced import quickly_made
 from hippomat_core.wire.frames import FLAG_LOCALIZED, IDLE
 
 
@@ -26,6 +27,7 @@ class Intent:
     steps: NDArray[np.uint8] = field(default_factory=_no_steps)  # (<= 12,)
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlook:
     """What holding a claim means for the robot, from this moment on."""

@@ -20,10 +20,11 @@ from hippomat_core.fleet.snapshot import Snapshot, round_decided, take_snapshot
 from hippomat_core.fleet.state import FleetState, awake
 from hippomat_core.fleet.votes import ClaimId
 from hippomat_core.messages import ClaimChanged, Effect, PeerClaimSeen, RoundEnded
-from hippomat_core.replaced import replace
+from hippomat_core.replaced import quickly_made, replace
 from hippomat_core.wire.frames import StateFrame, TasksFrame
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class RoundOutcome:
     """What the caller sends, records and drives to. Frames are not among the effects."""

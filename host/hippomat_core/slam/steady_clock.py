@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hippomat_core.replaced import quickly_made
+
 NO_STAMP = -1
 LATE_NS = 60_000_000  # later than this: the reader slept, or something was missed
 PATIENCE = 3  # readings in a row that late: it was missed
@@ -15,6 +17,7 @@ SETTLE = 1 / 16  # share of a late reading that is believed
 DRIFT = 1 / 64  # share of it that goes into the rate, once that is known
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class SteadyClock:
     """When the last item (lidar sample, odometry frame) was measured, and the time from one to the next."""

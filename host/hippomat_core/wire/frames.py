@@ -44,6 +44,7 @@ class Header:
     fleet_time_us: U64  # 48 bits
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class AirClaim:
     """The claim a robot holds; slot == NO_SLOT means none and all other fields are 0.
@@ -126,6 +127,7 @@ class RelayFrame:
     rows: tuple[RelayRow, ...]
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class TaskSlot:
     """One task slot: generation, position (fleet frame) and state."""
