@@ -41,7 +41,6 @@ from hippomat_core.wire.frames import (
     FLAG_SATURATED,
     FLAG_STOPPED,
     IDLE,
-    INACTIVE,
     LOST,
 )
 
@@ -97,12 +96,11 @@ def _round(
 def _with_fields(state: State, ground: Ground) -> State:
     """A distance field for every open task and for the destination of our claim."""
     tasks, claim = state.fleet.tasks, state.fleet.own_claim
-    states, held = tasks.states.tolist(), state.fields.by_task
-    wanted = [task for task in enumerate(tasks.generations.tolist()) if states[task[0]] != INACTIVE]
-    if all(task in held for task in wanted) and (claim is None or claim.id.task in held):
+    held = state.fields.by_task
+    if held.keys() >= tasks.open_keys and (claim is None or claim.id.task in held):
         return state
     positions_m, grid = tasks.positions_m(), ground.costmap.grid
-    goals = {task: grid.cell_of(*positions_m[task[0], :2].tolist()) for task in wanted}
+    goals = {task: grid.cell_of(*positions_m[task[0], :2].tolist()) for task in sorted(tasks.open_keys)}
     if claim is not None:
         goals[claim.id.task] = grid.cell_of(*claim.destination_m[:2])
     return replace(state, fields=state.fields.with_goals(ground.costmap.graph, goals, grid.resolution_m))
@@ -110,12 +108,13 @@ def _with_fields(state: State, ground: Ground) -> State:
 
 def _travel_costs_s(state: State, ground: Ground, place_m: tuple[float, float]) -> NDArray[np.float64]:
     """(M,) [s] from a place (x, y) to every open task at our speed; inf where unreachable or not open."""
-    generations = state.fleet.tasks.generations.tolist()
-    held = [state.fields.by_task.get(task) for task in enumerate(generations)]
-    fields = {slot: field for slot, field in enumerate(held) if field is not None}
-    costs_s = np.full(len(generations), math.inf)
-    ways_m = distances_at(ground.costmap, list(fields.values()), *place_m)
-    costs_s[list(fields)] = ways_m / state.config.limits.speed_mps
+    held = [state.fields.by_task.get(task) for task in state.fleet.tasks.keys]
+    ways_m = distances_at(ground.costmap, [field for field in held if field is not None], *place_m)
+    known_s = ways_m / state.config.limits.speed_mps
+    if len(known_s) == len(held):
+        return known_s
+    costs_s = np.full(len(held), math.inf)
+    costs_s[[field is not None for field in held]] = known_s
     return costs_s
 
 

@@ -50,7 +50,7 @@ def state_frame(fleet: FleetState, stamp_ns: int, own: OwnInputs, priced: NDArra
         speed_2cmps=own.speed_2cmps,
         claim=claim.on_air(outlook.eta_s) if claim is not None else NO_CLAIM,
         costs=_frozen(costs),
-        task_states=_frozen(task_states(fleet)),
+        task_states=task_states(fleet),
         intent_ix=own.intent.ix,
         intent_iy=own.intent.iy,
         intent_iz=own.intent.iz,

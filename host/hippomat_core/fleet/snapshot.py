@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,10 @@ from hippomat_core.allocation.port import Decision, Problem
 from hippomat_core.fleet.claims import Basis
 from hippomat_core.fleet.rows import HEARD_DIRECTLY, Row, own_row
 from hippomat_core.fleet.state import FleetState
+from hippomat_core.fleet.tasks import Tasks
+from hippomat_core.fleet.votes import ClaimId
 from hippomat_core.messages import NEVER_HEARD_MS, RoundDecided
+from hippomat_core.replaced import quickly_made
 from hippomat_core.wire.frames import (
     CLAIMED,
     NO_SLOT,
@@ -28,6 +32,7 @@ from hippomat_core.wire.frames import (
 LATE_ROUNDS = 1.5  # rounds by our own count: a row older than this was not refreshed in its round
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
     """The problem and the ledger of the rows that it was made from."""
@@ -111,28 +116,31 @@ def _is_late(fleet: FleetState, stamp_ns: int, row: Row) -> bool:
     return stamp_ns - row.stamp_ns > LATE_ROUNDS * fleet.timing.round_ns
 
 
-def live_claims(fleet: FleetState) -> NDArray[np.bool_]:
-    """(M,) True where somebody alive claims the newest generation, ourselves included."""
-    claimed = np.zeros(len(fleet.tasks.generations), np.bool_)
-    claims = [row.claim for row in fleet.rows()]
-    claims.append(fleet.own_claim.id if fleet.own_claim is not None else None)
-    for claim in claims:
-        if claim is not None and claim.generation == fleet.tasks.generations[claim.slot]:
-            claimed[claim.slot] = True
-    return claimed
-
-
 def waiting_tasks(fleet: FleetState, stamp_ns: int) -> NDArray[np.bool_]:
     """(M,) True where a task is open, unclaimed and known for long enough that rows price it."""
     settled = stamp_ns - fleet.tasks.changed_ns >= fleet.timing.settle_ns
-    waiting: NDArray[np.bool_] = (fleet.tasks.states == WAITING) & settled & ~live_claims(fleet)
+    waiting: NDArray[np.bool_] = (task_states(fleet) == WAITING) & settled
     return waiting
 
 
 def task_states(fleet: FleetState) -> NDArray[np.uint8]:
-    """(M,) for STATE: as in the table, CLAIMED where somebody alive claims the newest generation."""
-    claimed = (fleet.tasks.states == WAITING) & live_claims(fleet)
-    return np.where(claimed, CLAIMED, fleet.tasks.states).astype(np.uint8)
+    """(M,) for STATE: as in the table, CLAIMED where somebody alive claims the newest generation.
+
+    Ourselves included. Not to be written to.
+    """
+    return _task_states(fleet.tasks, fleet.rows(), None if fleet.own_claim is None else fleet.own_claim.id)
+
+
+@lru_cache(maxsize=64)  # asked for three times a round
+def _task_states(tasks: Tasks, rows: tuple[Row, ...], own: ClaimId | None) -> NDArray[np.uint8]:
+    states = tasks.states.copy()
+    for claim in (own, *[row.claim for row in rows]):
+        if claim is None or claim.generation != tasks.generations[claim.slot]:
+            continue
+        if states[claim.slot] == WAITING:
+            states[claim.slot] = CLAIMED
+    states.flags.writeable = False
+    return states
 
 
 def round_decided(

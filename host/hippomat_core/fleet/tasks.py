@@ -27,7 +27,7 @@ CONTINUOUS = "continuous"
 T = TypeVar("T", bound=np.generic)
 
 
-@dataclass(frozen=True, eq=False)  # without slots: the digest is kept
+@dataclass(frozen=True, eq=False)  # without slots: what follows from them all is kept
 class Tasks:
     """M slots. Arrays are never written to after they are stored."""
 
@@ -69,6 +69,16 @@ class Tasks:
     def digest(self) -> int:
         """32 bits over generations and states, for STATE."""
         return zlib.crc32(self.states.tobytes(), zlib.crc32(self.generations.astype("<u2").tobytes()))
+
+    @cached_property
+    def keys(self) -> tuple[tuple[int, int], ...]:
+        """(slot, generation) of every slot, in their order."""
+        return tuple(enumerate(self.generations.tolist()))
+
+    @cached_property
+    def open_keys(self) -> frozenset[tuple[int, int]]:
+        """Those of the slots that are not inactive."""
+        return frozenset(key for key in self.keys if self.states[key[0]] != INACTIVE)
 
     def positions_m(self) -> NDArray[np.float64]:
         """(M, 3) fleet frame."""
