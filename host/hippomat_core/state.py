@@ -129,8 +129,9 @@ class State:
 
     @property
     def pose(self) -> Pose:
-        if self.external_pose is not None:
-            return self.external_pose
+        external = self.external_pose
+        if external is not None:
+            return external
         found = self.place or self.charting
         return self.odometry.pose if found is None else compose(found.map_from_odom, self.odometry.pose)
 

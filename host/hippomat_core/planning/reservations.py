@@ -188,10 +188,12 @@ def _take_peer(
     x, y = peer.x_m, peer.y_m
     discs += (x, y, out_m + growth_m, 0.0, robot, 0.0)
     keeps_intent = priority and age_s <= config.planning.peer_stale_s
+    origin_x, origin_y, side_m = grid.origin_x_m, grid.origin_y_m, grid.resolution_m
     along_m = 0.0
     for ix, iy in peer.intent.tolist():
         last_x, last_y = x, y
-        x, y = grid.centre_of(ix, iy)
+        # What grid.centre_of says, without a call: this is asked for at every tick.
+        x, y = origin_x + (ix + 0.5) * side_m, origin_y + (iy + 0.5) * side_m
         along_m += math.hypot(x - last_x, y - last_y)
         if along_m <= committed_m:
             discs += (x, y, out_m + growth_m, 0.0, robot, 0.0)
