@@ -20,8 +20,9 @@ from hippomat_core.errors import ConfigError, HippomatError, LogError
 from hippomat_core.messages import Tick
 from hippomat_logs.column_table import table_of
 from hippomat_logs.lenient_walk import walk_leniently
+from hippomat_logs.losses import Losses
 from hippomat_logs.manifest import config_of
-from hippomat_logs.reader import Losses, is_as_here, mapped, open_again, reading_store, runs_inside
+from hippomat_logs.reader import is_as_here, mapped, open_again, reading_store, runs_inside
 from hippomat_logs.records import DropRecord, SerialRecord
 from hippomat_logs.recovery import lenient_contents
 from hippomat_logs.schema import CLASSES, DERIVED, MessageStore

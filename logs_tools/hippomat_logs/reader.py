@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ from hippomat_core.errors import ConfigError, HippomatError, LogError
 from hippomat_logs.cdr_encoder import ENCAPSULATION
 from hippomat_logs.copies import each_part_once
 from hippomat_logs.file_kinds import each_once, refuse_foreign, refuse_selection
+from hippomat_logs.losses import Losses
 from hippomat_logs.manifest import config_of
 from hippomat_logs.part import ChannelSpec
 from hippomat_logs.records import DropRecord, SerialRecord
@@ -68,6 +70,10 @@ def mapped(path: Path) -> Iterator[memoryview]:
 
 def read_raw(path: Path, contents: Contents, inside: Inside | None = None) -> Iterator[RawMessage]:
     """Messages of one finished part as bytes, strictly checked. inside: see walk_strictly."""
+    return chain.from_iterable(_batches(path, contents, inside))
+
+
+def _batches(path: Path, contents: Contents, inside: Inside | None) -> Iterator[list[RawMessage]]:
     if path.name.endswith(ACTIVE):
         raise LogError(f"{path}: still being recorded, or its daemon died: `hippomat-logs recover {path}`")
     with mapped(path) as data:
@@ -217,28 +223,6 @@ def class_of(path: Path, raw: RawMessage) -> type:
     if kind is None:
         raise LogError(f"{path}: record {raw.number} is on {raw.topic}, which this version does not know")
     return kind
-
-
-class Losses:
-    """Drop records, summed up by their cause: shedding makes thousands."""
-
-    def __init__(self) -> None:
-        self._of: dict[
-            str, list[int]
-        ] = {}  # cause -> first record, last record, how many, in how many places
-
-    def add(self, drop: DropRecord) -> None:
-        sums = self._of.setdefault(drop.cause, [drop.first, 0, 0, 0])
-        self._of[drop.cause] = [sums[0], drop.last, sums[2] + drop.last - drop.first + 1, sums[3] + 1]
-
-    def lines(self) -> list[str]:
-        shown = []
-        for cause, (first, last, count, places) in self._of.items():
-            which = f"records {first}..{last}"
-            shown.append(
-                f"{which if places == 1 else f'{count} of the {which}, in {places} places,'} lost: {cause}"
-            )
-        return shown
 
 
 def _gap(expected: int, found: int) -> str:

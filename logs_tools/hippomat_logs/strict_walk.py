@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import islice
 
 from hippomat_core.errors import LogError
 from hippomat_logs.mcap_writer import DATA_END, FOOTER, HEADER, MAGIC, METADATA, STATISTICS
@@ -28,12 +29,13 @@ from hippomat_logs.walk import (
 )
 
 DATA_END_BYTES = 9 + 4
+BATCH = 4096  # messages at once in memory: a chunk of a foreign or hostile file may hold millions
 
 
 def walk_strictly(
     data: memoryview, name: str, contents: Contents, inside: Inside | None = None
-) -> Iterator[RawMessage]:
-    """Every message of a finished file in file order; raises LogError on anything unexpected.
+) -> Iterator[list[RawMessage]]:
+    """Every message of a finished file in file order, in batches; raises LogError on anything unexpected.
 
     inside: messages_inside, or counted_inside where only `contents` is wanted.
     """
@@ -42,12 +44,27 @@ def walk_strictly(
     if first != [HEADER, METADATA]:
         raise LogError(f"{name}: has no run manifest behind its header, as every log of ours does")
     for at, opcode, body, behind in with_offsets(data, len(MAGIC), end):
-        yield from record(opcode, body, at, contents, inside)
+        yield from batches(record(opcode, body, at, contents, inside))
         contents.complete_bytes = behind
     if not contents.manifest:
         raise LogError(f"{name}: holds no {RUN_METADATA} metadata, as every log of ours does")
     if contents.messages != promised:
         raise LogError(f"{name}: {contents.messages} messages read, but its summary promises {promised}")
+
+
+def batches(messages: Iterable[RawMessage]) -> Iterator[list[RawMessage]]:
+    """A few thousand at a time; what stands before a damaged one is given out before that is told."""
+    source = iter(messages)
+    while True:
+        batch: list[RawMessage] = []
+        try:
+            batch.extend(islice(source, BATCH))
+        except LogError:
+            yield batch  # extend() has kept what came before
+            raise
+        if not batch:
+            return
+        yield batch
 
 
 def check_frame(data: memoryview, name: str) -> tuple[int, int]:

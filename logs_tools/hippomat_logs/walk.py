@@ -45,6 +45,7 @@ MAX_CHUNK_BYTES = 64 << 20
 SLICE_BYTES = 16 << 20  # of a file, in memory at once
 PREFIX = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode and length in front
+_LEAST = _MESSAGE.size - 9  # of its length
 _UINT16, _UINT32, _UINT64, _TWO_UINT16 = map(struct.Struct, ("<H", "<I", "<Q", "<HH"))
 _CHUNK_SIZES = struct.Struct("<QII")  # uncompressed size, checksum, length of the compression's name
 
@@ -182,46 +183,55 @@ def chunk_head(body: memoryview) -> tuple[int, int, int]:
 
 
 def messages_inside(inside: bytes, contents: Contents) -> Iterator[RawMessage]:
-    """The messages of an inflated chunk."""
-    channels, fused = contents.channels, bool(contents.inside)
-    for channel, number, log_time_ns, publish_ns, start, end in _found_inside(inside, contents):
+    """The messages of an inflated chunk. Flat, because all that is read of a log comes through here."""
+    channels, fused, unpack = contents.channels, bool(contents.inside), _MESSAGE.unpack_from
+    at, end, head = 0, len(inside), _MESSAGE.size
+    while at + head <= end:
+        opcode, length, channel, number, log_time_ns, publish_ns = unpack(inside, at)
+        start, at = at, at + 9 + length
+        if opcode != MESSAGE or length < _LEAST or at > end:
+            at = _no_message(inside, start, contents)
+            continue
+        if channel not in channels:
+            _take_expected(channel, contents)
+        contents.messages += 1
         topic = channels[channel].topic
         if topic:  # else another run's, in a fused file
             time_ns = publish_ns if fused else log_time_ns
-            yield _raw_message((number, time_ns, topic, inside[start:end]))
+            yield _raw_message((number, time_ns, topic, inside[start + head : at]))
+    _no_messages(inside, at, contents)
 
 
 def counted_inside(inside: bytes, contents: Contents) -> Iterable[RawMessage]:
     """No message of an inflated chunk, but how many it holds of each channel, in contents.counts."""
-    counts = contents.counts
-    for channel, *_ in _found_inside(inside, contents):
+    channels, counts, unpack = contents.channels, contents.counts, _MESSAGE.unpack_from
+    at, end, head = 0, len(inside), _MESSAGE.size
+    while at + head <= end:
+        opcode, length, channel, _, _, _ = unpack(inside, at)
+        start, at = at, at + 9 + length
+        if opcode != MESSAGE or length < _LEAST or at > end:
+            at = _no_message(inside, start, contents)
+            continue
+        if channel not in channels:
+            _take_expected(channel, contents)
+        contents.messages += 1
         counts[channel] = counts.get(channel, 0) + 1
+    _no_messages(inside, at, contents)
     return ()
 
 
-def _found_inside(inside: bytes, contents: Contents) -> Iterator[tuple[int, int, int, int, int, int]]:
-    """(channel, number, log time, publish time, start and end of the data) of every message.
+def _no_message(inside: bytes, at: int, contents: Contents) -> int:
+    """Take the record at `at` of a chunk, which is no whole message; the offset behind it."""
+    opcode, body, behind = next(records(memoryview(inside), at, len(inside)))
+    if opcode == MESSAGE:
+        raise LogError(f"message of {len(body)} bytes inside a chunk")
+    _description(opcode, body, contents)
+    return behind
 
-    Flat, because all that is read of a log comes through here.
-    """
-    channels, unpack = contents.channels, _MESSAGE.unpack_from
-    at, end = 0, len(inside)
-    while at + _MESSAGE.size <= end:
-        opcode, length, channel, number, log_time_ns, publish_ns = unpack(inside, at)
-        behind = at + 9 + length
-        if behind > end:
-            break
-        if opcode != MESSAGE:
-            _description(opcode, memoryview(inside)[at + 9 : behind], contents)
-        elif behind < at + _MESSAGE.size:
-            raise LogError(f"message of {length} bytes inside a chunk")
-        else:
-            if channel not in channels:
-                _take_expected(channel, contents)
-            contents.messages += 1
-            yield channel, number, log_time_ns, publish_ns, at + _MESSAGE.size, behind
-        at = behind
-    for opcode, body, _ in records(memoryview(inside), at, end):  # shorter than any message, or cut
+
+def _no_messages(inside: bytes, at: int, contents: Contents) -> None:
+    """Take the records at the end of a chunk that are shorter than any message, or cut."""
+    for opcode, body, _ in records(memoryview(inside), at, len(inside)):
         _description(opcode, body, contents)
 
 

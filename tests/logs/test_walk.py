@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,8 @@ from hypothesis import strategies as st
 
 from hippomat_core.errors import LogError
 from hippomat_logs.mcap_writer import CHANNEL, MESSAGE, SCHEMA
-from hippomat_logs.walk import Contents, counted_inside, messages_inside
+from hippomat_logs.strict_walk import BATCH, batches
+from hippomat_logs.walk import Contents, RawMessage, counted_inside, messages_inside
 
 TOPICS = {1: "/one", 2: "/two"}
 ERRORS = (LogError, struct.error, UnicodeDecodeError, KeyError)  # what a damaged chunk may raise
@@ -73,3 +75,17 @@ def test_what_is_counted_is_what_is_read(
     assert found[0] == found[1]
     if not changes:
         assert found[0] == Counter(TOPICS[channel] for channel, _ in messages)
+
+
+def test_what_stands_before_a_damaged_message_is_given_out_before_the_damage_is_told() -> None:
+    def messages() -> Iterator[RawMessage]:
+        for number in range(BATCH + 3):
+            yield RawMessage(number, 0, "/one", b"")
+        raise LogError("damaged")
+
+    given_out = batches(messages())
+    numbers = [message.number for batch in (next(given_out), next(given_out)) for message in batch]
+    assert numbers == list(range(BATCH + 3))
+    with pytest.raises(LogError, match="damaged"):
+        next(given_out)
+    assert list(batches(())) == []

@@ -15,10 +15,11 @@ from hippomat_core.messages import Started
 from hippomat_logs.copies import each_part_once
 from hippomat_logs.file_kinds import Kind, SelectionError, kind_of, refuse_foreign
 from hippomat_logs.lenient_walk import walk_leniently
+from hippomat_logs.losses import Losses
 from hippomat_logs.metrics import KINDS as METRICS_KINDS
 from hippomat_logs.metrics import MetricsReading, RobotMetrics
 from hippomat_logs.opened_run import distinct_logs
-from hippomat_logs.reader import Losses, Record, Run, mapped, open_again, reading_store, runs_inside
+from hippomat_logs.reader import Record, Run, mapped, open_again, reading_store, runs_inside
 from hippomat_logs.records import DropRecord
 from hippomat_logs.recovery import lenient_contents
 from hippomat_logs.report_html.reading import KINDS, LogReading, ViewReader
