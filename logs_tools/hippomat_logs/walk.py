@@ -131,15 +131,15 @@ def record(
     opcode: int, body: memoryview, at: int, contents: Contents, inside: Inside | None = None
 ) -> Iterable[RawMessage]:
     """One record of the data section; its lengths must agree: a damaged head is no harmless record."""
-    if opcode == CHUNK:
+    if opcode == MESSAGE_INDEX:  # nineteen of twenty
+        if len(body) < 6 or _UINT32.unpack_from(body, 2)[0] != len(body) - 6:
+            raise LogError(f"message index at byte {at} has an impossible length")
+    elif opcode == CHUNK:
         return (inside or messages_inside)(inflated(body, at), contents)
-    if opcode == METADATA:
+    elif opcode == METADATA:
         _metadata(body, at, contents)
     elif opcode == ATTACHMENT:
         _attachment(body, at, contents)
-    elif opcode == MESSAGE_INDEX:
-        if len(body) < 6 or unpacked(_UINT32, body, 2)[0] != len(body) - 6:
-            raise LogError(f"message index at byte {at} has an impossible length")
     elif opcode == HEADER:
         if string_of(body, string_of(body, 0)[1])[1] != len(body):
             raise LogError("file header damaged")
@@ -205,17 +205,21 @@ def messages_inside(inside: bytes, contents: Contents) -> Iterator[RawMessage]:
 def counted_inside(inside: bytes, contents: Contents) -> Iterable[RawMessage]:
     """No message of an inflated chunk, but how many it holds of each channel, in contents.counts."""
     channels, counts, unpack = contents.channels, contents.counts, _MESSAGE.unpack_from
-    at, end, head = 0, len(inside), _MESSAGE.size
+    at, end, head, messages = 0, len(inside), _MESSAGE.size, 0
     while at + head <= end:
         opcode, length, channel, _, _, _ = unpack(inside, at)
         start, at = at, at + 9 + length
         if opcode != MESSAGE or length < _LEAST or at > end:
             at = _no_message(inside, start, contents)
             continue
+        messages += 1
+        if channel in counts:
+            counts[channel] += 1
+            continue
         if channel not in channels:
             _take_expected(channel, contents)
-        contents.messages += 1
-        counts[channel] = counts.get(channel, 0) + 1
+        counts[channel] = 1
+    contents.messages += messages
     _no_messages(inside, at, contents)
     return ()
 
