@@ -12,9 +12,13 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from hippomat_core.allocation.quantise import FULL_SCALE, quantise
+from hippomat_core.config import LidarConfig
+from hippomat_core.control.guard import HOLE_Q6, TURN_Q6, is_whole, returns, scan_points
 from hippomat_core.control.path_kernels import nearest_point, ways_m
+from hippomat_core.control.scan_kernels import nearer_than
 from hippomat_core.control.stopping import carried, kept_clear_of
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.messages import ScanReceived
 from hippomat_core.planning.astar import path_length_m
 from hippomat_core.planning.costmap import inflate
 from hippomat_core.planning.graph import DIAGONAL, STRAIGHT
@@ -89,6 +93,30 @@ def test_points_are_carried_as_numpy_carries_them(seen: Floats, turn: float, dx:
     c, s = math.cos(turn), math.sin(turn)
     x, y = seen[:, 0], seen[:, 1]
     assert same_bits(carried(seen, c, s, dx, dy), np.stack([c * x - s * y + dx, s * x + c * y + dy], axis=1))
+
+
+@given(points, metres)
+def test_points_near_a_place_are_what_numpy_finds(seen: Floats, limit_m: float) -> None:
+    near = np.hypot(seen[:, 0] - 0.1, seen[:, 1] + 0.2) < limit_m
+    assert same_bits(nearer_than(seen, 0.1, -0.2, limit_m), seen[near])
+
+
+@given(st.integers(1, 60).flatmap(lambda n: arrays(np.uint16, (2, n))), st.floats(-4.0, 4.0))
+def test_a_sweep_becomes_the_points_that_numpy_makes_of_it(
+    samples: NDArray[np.uint16], yaw_rad: float
+) -> None:
+    angle_q6, distance_q2 = samples
+    scan = ScanReceived(0, np.zeros(len(angle_q6), np.uint8), angle_q6, distance_q2)
+    lidar = LidarConfig(yaw_rad=yaw_rad, x_m=0.03, y_m=-0.01)
+    range_m = distance_q2 / 4000.0
+    kept = (distance_q2 > 0) & (range_m >= lidar.min_range_m) & (range_m <= lidar.max_range_m)
+    assert same_bits(returns(scan, lidar), kept)
+    angle_rad = yaw_rad - np.deg2rad(angle_q6[kept] / 64.0)
+    x_m, y_m = 0.03 + range_m[kept] * np.cos(angle_rad), -0.01 + range_m[kept] * np.sin(angle_rad)
+    assert same_bits(scan_points(scan, lidar), np.stack([x_m, y_m], axis=1))
+    angles = np.sort(angle_q6 % TURN_Q6).astype(np.int64)
+    gaps = [*np.diff(angles), TURN_Q6 - angles[-1] + angles[0]]
+    assert is_whole(scan) == (max(gaps) <= HOLE_Q6)
 
 
 def test_what_is_kept_clear_of_is_all_that_is_seen_and_all_peers_with_their_size() -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hippomat_core.config import Config, LidarConfig
+from hippomat_core.control.scan_kernels import came_back, kept_samples, nearer_than, placed, widest_gap
 from hippomat_core.control.stopping import (
     Points,
     carried,
@@ -67,18 +68,14 @@ def is_whole(scan: ScanReceived) -> bool:
     """True where the samples leave no hole: it would show free space where nobody looked."""
     if not len(scan.angle_q6):
         return False
-    angles = np.sort(scan.angle_q6 % TURN_Q6)
-    across_zero = TURN_Q6 - int(angles[-1]) + int(angles[0])
-    return max(int((angles[1:] - angles[:-1]).max(initial=0)), across_zero) <= HOLE_Q6
+    angles = scan.angle_q6 % TURN_Q6
+    angles.sort()
+    return bool(widest_gap(angles, TURN_Q6) <= HOLE_Q6)
 
 
 def returns(scan: ScanReceived, lidar: LidarConfig) -> NDArray[np.bool_]:
     """(n,): which samples came back from something within the lidar's range."""
-    range_m = scan.distance_q2 / 4000.0
-    kept: NDArray[np.bool_] = (
-        (scan.distance_q2 > 0) & (range_m >= lidar.min_range_m) & (range_m <= lidar.max_range_m)
-    )
-    return kept
+    return came_back(scan.distance_q2 / 4000.0, lidar.min_range_m, lidar.max_range_m)
 
 
 def scan_points(scan: ScanReceived, lidar: LidarConfig) -> Points:
@@ -86,12 +83,10 @@ def scan_points(scan: ScanReceived, lidar: LidarConfig) -> Points:
 
     The device's angles run clockwise, ours counter-clockwise; the lidar's pose is in `lidar`.
     """
-    kept = returns(scan, lidar)
-    range_m = scan.distance_q2[kept] / 4000.0
-    angle_rad = lidar.yaw_rad - np.deg2rad(scan.angle_q6[kept] / 64.0)
-    x_m = lidar.x_m + range_m * np.cos(angle_rad)
-    y_m = lidar.y_m + range_m * np.sin(angle_rad)
-    return np.stack([x_m, y_m], axis=1)
+    limits_m = lidar.min_range_m, lidar.max_range_m
+    samples = scan.distance_q2 / 4000.0, scan.angle_q6 / 64.0
+    range_m, angle_rad = kept_samples(*samples, *limits_m, lidar.yaw_rad)
+    return placed(range_m, np.cos(angle_rad), np.sin(angle_rad), lidar.x_m, lidar.y_m)
 
 
 def carrying(
@@ -117,8 +112,7 @@ def carried_along(
 
 def hidden_points(points: Points, lidar: LidarConfig) -> Points:
     """Those of an earlier sweep's points (base frame, now) that are too near for the lidar to see."""
-    range_m = np.hypot(points[:, 0] - lidar.x_m, points[:, 1] - lidar.y_m)
-    return points[range_m < lidar.min_range_m][-HIDDEN_KEPT:]
+    return nearer_than(points, lidar.x_m, lidar.y_m, lidar.min_range_m)[-HIDDEN_KEPT:]
 
 
 def guard(

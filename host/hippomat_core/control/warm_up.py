@@ -7,10 +7,19 @@ import numpy as np
 from hippomat_core.allocation.quantise import quantise
 from hippomat_core.config import Config
 from hippomat_core.control.follower import Motion
-from hippomat_core.control.guard import carried_along, guard
+from hippomat_core.control.guard import (
+    HOLE_Q6,
+    TURN_Q6,
+    carried_along,
+    guard,
+    hidden_points,
+    is_whole,
+    scan_points,
+)
 from hippomat_core.control.nav_state import Navigator
 from hippomat_core.control.navigator import navigate
 from hippomat_core.maps.occupancy_grid import OccupancyGrid
+from hippomat_core.messages import ScanReceived
 from hippomat_core.planning.costmap import inflate
 from hippomat_core.planning.reservations import PeerMotion, decode_intent, encode_intent
 
@@ -25,7 +34,14 @@ def warm_up(config: Config) -> None:
         nav, outcome = navigate(nav, tick * 50_000_000, here, goal, [other], costmap, None, config)
     encode_intent(outcome.intent)
     quantise(np.zeros(1), 1.0)
-    seen = carried_along(np.array([[0.3, 0.3], [0.3, -0.3]]), (0.0, 0.0, 0.0), (0.0, 0.0, 0.1))
+    angle_q6 = np.arange(0, TURN_Q6, HOLE_Q6, np.uint16)
+    scan = ScanReceived(
+        0, np.zeros(len(angle_q6), np.uint8), angle_q6, np.full(len(angle_q6), 1700, np.uint16)
+    )
+    assert is_whole(scan)
+    points = scan_points(scan, config.lidar)
+    seen = np.concatenate([hidden_points(points, config.lidar), points])
+    seen = carried_along(seen, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1))
     peers = np.array([[0.5, 0.0, config.robot.radius_m]])
     for v_mps, wz_radps in ((0.1, 0.1), (0.0, 0.5)):  # along an arc, and in place
         guard(seen, v_mps, wz_radps, peers, config)
