@@ -14,6 +14,7 @@ from hippomat_core.control.guard import (
     guard,
     hidden_points,
     is_whole,
+    returns,
     scan_points,
 )
 from hippomat_core.control.nav_state import Navigator
@@ -39,6 +40,7 @@ def warm_up(config: Config) -> None:
         0, np.zeros(len(angle_q6), np.uint8), angle_q6, np.full(len(angle_q6), 1700, np.uint16)
     )
     assert is_whole(scan)
+    returns(scan, config.lidar)
     points = scan_points(scan, config.lidar)
     seen = np.concatenate([hidden_points(points, config.lidar), points])
     seen = carried_along(seen, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1))
