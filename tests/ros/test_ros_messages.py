@@ -36,13 +36,14 @@ DIALECT = Dialect()
 
 number = st.floats(allow_nan=False, allow_infinity=False)
 single = st.floats(width=32, allow_nan=False, allow_infinity=False)
+between = st.floats(-60.0, 60.0, width=32)  # [s] rays; a message says how long all of them took
 steps = st.floats(2.0**-20, 0.5, width=32) | st.floats(-0.5, -(2.0**-20), width=32)
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 frames = st.text(st.characters(codec="utf-8", exclude_characters="\0/"), max_size=12)
 ranges = arrays.arrays(np.float32, st.integers(1, 40), elements=single | st.just(np.float32(np.inf)))
 events = st.one_of(
     st.builds(TransformReceived, st.just(0), stamps, frames, frames, st.booleans(), *[number] * 7),
-    st.builds(LaserScanReceived, st.just(0), stamps, frames, single, steps, *[single] * 3, ranges),
+    st.builds(LaserScanReceived, st.just(0), stamps, frames, single, steps, between, single, single, ranges),
     st.builds(OdometryReceived, st.just(0), stamps, number, number),
     st.builds(
         lambda cells, resolution, x, y: map_event(OccupancyGrid(cells, resolution, x, y)),
