@@ -28,7 +28,7 @@ from hippomat_logs.schema import TOPICS, MessageStore
 from hippomat_logs.sink import SinkOpener, file_sinks
 
 PLUG_S = 0.5  # a plug that is pulled costs so much at most: from one sync's begin to the next one's end
-SYNC_S, MIN_SYNC_S = 0.45, 0.1  # from begin to begin; sooner where the disk takes longer than what is left
+SYNC_S, MIN_SYNC_S = 0.4, 0.1  # from begin to begin; sooner where the disk takes longer than what is left
 LOSSLESS_WAKE_S = 0.01  # somebody may be waiting for room in the queue; otherwise the writer wakes to sync
 QUEUE_RECORDS = 8192
 BATCH_RECORDS = 40  # on their way to the file at once: so many are lost where it does not take them

@@ -82,4 +82,4 @@ def test_a_pulled_plug_leaves_what_was_synced(tmp_path: Path) -> None:
     lost = seconds_lost_by_power_cut(tmp_path, seed=4, cuts=8)
     assert len(lost) == 8
     assert min(lost) >= 0.0
-    assert np.median(lost) < 0.5  # of a uniform 0 .. 0.45 s
+    assert np.median(lost) < 0.5  # of a uniform 0 .. 0.4 s
