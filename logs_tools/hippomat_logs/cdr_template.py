@@ -14,8 +14,8 @@ from hippomat_logs.cdr_layout import ONE, Field, layout_of
 
 
 class Template:
-    """`fill(values)` puts new numbers at `paths`, which come in the order of the bytes, into `data`, CDR, and
-    gives a copy of its bytes. What stands between the first path and the last is packed with them, in one go.
+    """`fill(values)` puts new numbers at `paths`, two or more in the order of the bytes, into `data`, CDR,
+    and gives a copy of its bytes. What stands between them is packed again too, so that it takes one pack.
     """
 
     def __init__(self, fields: Sequence[Field], data: bytes, paths: Sequence[str]) -> None:
@@ -27,6 +27,8 @@ class Template:
         self._begin = at = offsets[paths[0]][0]
         for number, path in enumerate(paths):
             offset, letter = offsets[path]
+            if offset < at:
+                raise ValueError(f"{path} lies before the path that is named before it")
             if offset > at:
                 letters += f"{offset - at}s"
                 order.append(len(paths) + len(self._between))
@@ -34,11 +36,14 @@ class Template:
             letters, at = letters + letter, offset + struct.calcsize("<" + letter)
             order.append(number)
         self._pack_into = struct.Struct("<" + letters).pack_into
+        self._end = at
         self._in_order = itemgetter(*order)
 
     def array(self, name: str) -> NDArray[Any]:
         """Where an array of numbers lies, in its length: what is put there goes into what is filled next."""
         (count, offset), field = self._arrays[name]
+        if offset < self._end:
+            raise ValueError(f"{name} lies among the paths: fill() writes there")
         return np.frombuffer(self._data, "<" + field.dtype, count, offset)
 
     def fill(self, *values: float) -> bytes:

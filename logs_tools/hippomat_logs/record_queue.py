@@ -37,15 +37,24 @@ class RecordQueue:
 
     # Whoever puts has just slept, so that everything it touches must be fetched into the caches again. Hence
     # slots, and `_credit`: a call of len() alone would be a third of put().
-    __slots__ = ("_credit", "_gap", "_half", "_has_taker", "_limit", "dropped", "entries", "shed")
+    __slots__ = (
+        "_credit", "_gap", "_granted", "_half", "_has_taker", "_limit", "_spent", "dropped", "entries",
+        "shed",
+    )  # fmt: skip
 
     def __init__(self, limit: int, has_taker: Callable[[], bool] | None = None) -> None:
         self.entries: deque[tuple[int, Any]] = deque()
         self._limit, self._half = limit, limit // 2
         self._credit = self._half  # puts that find less than half a queue, whatever is taken meanwhile
+        self._granted, self._spent = self._credit, 0  # when it was granted; puts before
         self._has_taker = has_taker
         self._gap: LeftOut | None = None  # records that found no room, not in the queue yet
         self.dropped = self.shed = 0
+
+    @property
+    def numbered(self) -> int:
+        """Records so far, those left out included."""
+        return self._spent + self._granted - self._credit
 
     @property
     def drop_cause(self) -> str:
@@ -72,15 +81,16 @@ class RecordQueue:
         """Nothing more is put."""
         self._end_gap()
 
-    def waiting(self) -> int:
-        """Records in it."""
-        return sum(type(record) is not LeftOut for _, record in tuple(self.entries))
+    def left(self) -> int:
+        """Records in it, once nobody takes them any more."""
+        return sum(type(record) is not LeftOut for _, record in self.entries)
 
     # ---- inside ----
 
     def _takes(self, stamp_ns: int, record: Any) -> bool:
         """Is there room? If so, what was left out before is named; if not, the record is counted."""
-        waiting, self._credit = len(self.entries), 0
+        waiting = len(self.entries)
+        self._spent, self._granted, self._credit = self.numbered, 0, 0
         if self._has_taker is not None:
             while len(self.entries) >= self._limit and self._has_taker():
                 time.sleep(0.002)
@@ -93,7 +103,7 @@ class RecordQueue:
             self._leave_out(stamp_ns, _FILLING)
             return False
         self._end_gap()
-        self._credit = max(0, self._half - len(self.entries) - 1)
+        self._granted = self._credit = max(0, self._half - len(self.entries) - 1)
         return True
 
     def _leave_out(self, stamp_ns: int, cause: str) -> None:

@@ -52,10 +52,7 @@ def bound_interpreter_wait() -> None:
 
 @dataclass(frozen=True, slots=True)
 class RecorderStatus:
-    """How recording goes; `problem` is "" while everything is kept. shed: bulk left out.
-
-    records: all so far, but for those of the batch that is being encoded.
-    """
+    """How recording goes; `problem` is "" while everything is kept. shed: bulk left out."""
 
     records: int
     lost: int
@@ -109,7 +106,7 @@ class Recorder:
         # what the control loop calls hundreds of times a second goes there without a detour
         self.put, self.serial = self._queue.put, self._queue.serial
         self._offset_ns, self._last_ns = wall_ns - stamp_ns, _held(wall_ns)  # from stamps to log times
-        self._number = self._taken = 0  # of the last record; records that came out of the queue
+        self._number = 0  # of the last record that the writer has taken
         self._unfit = self._shed = 0
         self._gap: DropRecord | None = None  # what the writer sheds just now
         self._ready: list[Encoded] = []  # a batch on its way to the file
@@ -133,13 +130,13 @@ class Recorder:
     def status(self) -> RecorderStatus:
         lost = self._queue.dropped + self._unfit + self._series.lost_records
         if self._ended:  # nobody takes any more out of the queue
-            lost += self._queue.waiting()
+            lost += self._queue.left()
         problem = self._series.problem or self._fault or self._disk.problem
         if not problem and (cause := self._queue.drop_cause):
             problem = f"the log's {cause}"
         problem = problem or self._series.warning
-        records = self._taken + self._queue.waiting() + self._queue.dropped + self._queue.shed
-        return RecorderStatus(records, lost, problem, self._series.name, self._queue.shed + self._shed)
+        shed = self._queue.shed + self._shed
+        return RecorderStatus(self._queue.numbered, lost, problem, self._series.name, shed)
 
     def close(self, timeout_s: float = 10.0) -> RecorderStatus:
         """Write what is queued and finish the file. A disk that hangs is given `timeout_s`."""
@@ -201,25 +198,23 @@ class Recorder:
         take, drawn, ready = self._queue.entries.popleft, self._drawn, self._ready
         encoders, rows, offset_ns, number = self._encoders, self._row_encoders, self._offset_ns, self._number
         sheds, views = self._level >= NO_BULK, self._level < NO_VIEWS and not self._queue.is_hurried()
-        log_time_ns, left_out = self._last_ns, 0
+        log_time_ns = self._last_ns
         for _ in range(count):
             stamp_ns, record = take()
-            number += 1
-            log_time_ns = stamp_ns + offset_ns
-            if not 0 <= log_time_ns <= _LAST_NS:
-                log_time_ns = _held(log_time_ns)
+            number, kind = number + 1, type(record)
             if sheds and may_go(record):
                 self._shed += 1
                 self._gap = DropRecord(self._gap.first if self._gap else number, number, _LOW)
                 continue
             if self._gap is not None:
                 self._end_gap(log_time_ns)
-            kind = type(record)
             if kind is LeftOut:
-                left_out += 1
                 kind, record = DropRecord, DropRecord(number, number + record.count - 1, record.cause)
                 number = record.last
             try:
+                log_time_ns = stamp_ns + offset_ns
+                if not 0 <= log_time_ns <= _LAST_NS:
+                    log_time_ns = _held(log_time_ns)
                 topic, encode = encoders[kind] if kind is not tuple else rows[record[0]]
                 ready.append(_new(Encoded, (topic, number, log_time_ns, encode(record), False)))
             except Exception as error:  # a wrong value must cost that record, not the run
@@ -228,7 +223,6 @@ class Recorder:
                 for view, data in self._views(record, log_time_ns):
                     ready.append(Encoded(view, number, log_time_ns, data, derived=True))
         self._number, self._last_ns = number, log_time_ns
-        self._taken += count - left_out
 
     def _hand_on(self, now_s: float) -> None:
         self._series.add_all(self._ready, now_s)

@@ -16,7 +16,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hippomat_core import messages
-from hippomat_logs.cdr_decoder import make_decoder
+from hippomat_logs.cdr_decoder import Decoder, make_decoder
 from hippomat_logs.cdr_encoder import Encoder, FieldSpec, make_encoder, make_row_encoder
 from hippomat_logs.cdr_layout import Field, fields_of_type
 from hippomat_logs.records import DropRecord, ProcessRecord, SerialRecord, TimingRecord
@@ -125,6 +125,7 @@ class MessageStore:
         self._types.register(definitions)
         self._encoders = {kind: make_encoder(_specs(kind)) for kind in TOPICS}
         self._decoders = {kind: make_decoder(kind, _specs(kind)) for kind in TOPICS}
+        self._decoders[messages.ScanReceived] = _whole_scans(self._decoders[messages.ScanReceived])
 
     def encode(self, message: object) -> bytes:
         """CDR bytes of one of our records; raises ValueError or struct.error where a value does not fit."""
@@ -169,6 +170,19 @@ class MessageStore:
         """Encode and decode one of everything: the first use of each type compiles for 6 to 21 ms."""
         for kind in TOPICS:
             self.decode(kind, self.encode(blank(kind)))
+
+
+def _whole_scans(decode: Decoder) -> Decoder:
+    """Compiled loops over a sweep look at no bounds, so that its arrays must have one length."""
+
+    def decode_whole(data: bytes | memoryview) -> Any:
+        scan = decode(data)
+        lengths = len(scan.quality), len(scan.angle_q6), len(scan.distance_q2)
+        if len(set(lengths)) > 1:
+            raise ValueError("a sweep of {} qualities, {} angles and {} distances".format(*lengths))
+        return scan
+
+    return decode_whole
 
 
 def _specs(kind: type) -> tuple[FieldSpec, ...]:

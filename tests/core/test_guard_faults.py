@@ -192,8 +192,8 @@ def test_what_comes_from_ahead_no_faster_than_stated_finds_the_robot_standing(sp
     faults = Faults(obstacle_mps=towards)
     trial = Trial(config, things, faults, np.random.default_rng(1)).run(v, 0.0, 1.2 / speed + 2.0)
     things = carried_along(trial.things, (0.0, 0.0, 0.0), trial.pose)
-    x, y = min(things.tolist(), key=lambda thing: math.hypot(*thing))
-    assert trial.touched_mps < 1e-6 or x < abs(y)  # beside it: to drive on is right
+    x, _ = min(things.tolist(), key=lambda thing: math.hypot(*thing))
+    assert trial.touched_mps < 1e-6 or x < 0.03  # beside its middle, where the way is free: it drives on
 
 
 @given(st.floats(0.0, 0.2), st.floats(0.05, 0.2))

@@ -21,6 +21,7 @@ CONFIG = Config(fleet=FleetConfig(size=5, task_slots=6), robot=RobotConfig(id=2,
 def sample(kind: type, rng: np.random.Generator) -> Any:
     """A record of `kind` with values from the whole range of every field."""
     values = []
+    samples = int(rng.integers(0, 40))  # of a sweep: its arrays have one length
     for f in fields_of(kind):
         if f.python is bytes:
             values.append(rng.bytes(int(rng.integers(0, 60))))
@@ -32,7 +33,7 @@ def sample(kind: type, rng: np.random.Generator) -> Any:
         elif f.ros == "bool":
             values.append(bool(rng.integers(0, 2)))
         else:
-            count = int(rng.integers(0, 40)) if f.many else None
+            count = None if not f.many else samples if kind is m.ScanReceived else int(rng.integers(0, 40))
             values.append(_number(f.ros.removesuffix("[]"), count, rng))
     return kind(*values)
 

@@ -181,6 +181,16 @@ def test_a_clock_that_is_off_by_centuries_costs_no_record(tmp_path: Path, wall_n
     assert kept_and_named(run) == (set(range(1, 6)), set())
 
 
+def test_a_stamp_that_is_no_number_costs_its_record_alone(tmp_path: Path) -> None:
+    recorder = new_recorder(tmp_path)
+    for stamp_ns in (START_NS, None, START_NS + 1):
+        recorder.put(stamp_ns, m.Tick(START_NS))
+    status = recorder.close()
+    assert (status.records, status.lost) == (3, 1)
+    (run,) = open_runs([tmp_path])
+    assert kept_and_named(run) == ({1, 3}, {2})
+
+
 def test_an_error_of_the_recorder_itself_is_counted_and_leaves_a_log_to_recover(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

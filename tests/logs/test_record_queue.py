@@ -28,11 +28,11 @@ def test_every_record_comes_out_in_order_or_is_named_in_its_place(actions: list[
             put(queue, puts, action)
             puts += 1
             assert len(queue.entries) <= LIMIT + 1  # one LeftOut beyond the records
+            assert queue.numbered == puts
         else:
             taken += [queue.entries.popleft() for _ in range(min(action, len(queue.entries)))]
     queue.end()
-    waiting = queue.waiting()
-    assert waiting == sum(type(record) is not LeftOut for _, record in queue.entries)
+    assert queue.left() == sum(type(record) is not LeftOut for _, record in queue.entries)
     number = left_out = 0
     for stamp_ns, record in [*taken, *queue.entries]:
         count = record.count if type(record) is LeftOut else 1

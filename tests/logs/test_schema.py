@@ -155,3 +155,10 @@ def test_a_record_cut_short_or_too_long_is_refused(kind: type, seed: int, cut: i
         STORE.decode(kind, data[: -min(cut, len(data))])
     with pytest.raises(ValueError, match="bytes were expected"):
         STORE.decode(kind, data + bytes(4))
+
+
+def test_a_sweep_whose_arrays_differ_in_length_is_no_sweep() -> None:
+    """Compiled loops would read beyond the shorter ones."""
+    uneven = dataclasses.replace(blank(m.ScanReceived), distance_q2=np.zeros(0, np.uint16))
+    with pytest.raises(ValueError, match="1 qualities, 1 angles and 0 distances"):
+        STORE.decode(m.ScanReceived, STORE.encode(uneven))

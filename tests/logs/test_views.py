@@ -15,6 +15,7 @@ from hypothesis.extra.numpy import arrays
 from hippomat_core import messages as m
 from hippomat_core.config import Config
 from hippomat_core.wire.rplidar import Sweep, SweepDecoder, encode_scan_descriptor
+from hippomat_logs.cdr_template import Template
 from hippomat_logs.derived import DerivedTopics
 from hippomat_logs.scan_kernel import SCAN_BINS, nearest_by_degree
 from hippomat_logs.schema import DERIVED, MessageStore, blank
@@ -104,3 +105,21 @@ def _matrix(transform: Any) -> np.ndarray:
     move, turn = transform.translation, transform.rotation
     assert (move.z, turn.x, turn.y) == (0.0, 0.0, 0.0)
     return _planar(move.x, move.y, 2 * math.atan2(turn.z, turn.w))
+
+
+def test_a_template_names_paths_that_it_would_spoil() -> None:
+    fields, bounds = STORE.fields(DERIVED["/scan"]), dict.fromkeys(("range_min", "range_max"), 1.0)
+    scan = STORE.standard(DERIVED["/scan"])
+    header = STORE.standard("std_msgs/msg/Header")(
+        STORE.standard("builtin_interfaces/msg/Time")(0, 0), "lidar"
+    )
+    three = np.zeros(3, np.float32)
+    data = STORE.encode_standard(
+        scan(header, 0.0, 1.0, 0.1, 0.0, 0.0, **bounds, ranges=three, intensities=three), DERIVED["/scan"]
+    )
+    with pytest.raises(ValueError, match=r"header\.stamp\.sec lies before"):
+        Template(fields, data, ("header.stamp.nanosec", "header.stamp.sec"))
+    template = Template(fields, data, ("header.stamp.sec", "range_max"))
+    template.array("ranges")[:] = 7.0
+    filled = decoded("/scan", template.fill(5, 9.0))
+    assert (filled.header.stamp.sec, filled.range_max, filled.ranges.tolist()) == (5, 9.0, [7.0] * 3)

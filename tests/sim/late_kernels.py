@@ -1,4 +1,4 @@
-"""Script, SLAM or not: warm up as the daemon does, run a fleet here, print what numba compiled only then."""
+"""Script, wheels, slam or a planner: warm up as the daemon does, run a fleet, tell what is compiled late."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lockstep_lab import settings
 from numba.core.registry import CPUDispatcher
 from rich.console import Console
 
-from hippomat_core.config import Config, FleetConfig
+from hippomat_core.config import Config, FleetConfig, PlanningConfig
 from hippomat_host import warm_up
 from hippomat_logs.derived import DerivedTopics
 from hippomat_logs.schema import MessageStore
@@ -30,8 +30,12 @@ def signatures() -> set[str]:
     }
 
 
-def main(has_slam: bool) -> None:
-    config = Config(fleet=FleetConfig(size=3, task_slots=4, allocator="hungarian"))
+def main(what: str) -> None:
+    has_slam, planner = what == "slam", "replan" if what in ("wheels", "slam") else what
+    config = Config(
+        fleet=FleetConfig(size=3, task_slots=4, allocator="hungarian"),
+        planning=PlanningConfig(planner=planner),
+    )
     warm_up.prepare_allocator(config.fleet, None, print)
     warm_up.prepare_control(config, print)
     warm_up.prepare_planner(config.planning, print)
@@ -40,9 +44,12 @@ def main(has_slam: bool) -> None:
     DerivedTopics(MessageStore(), config)  # the recorder's
     before = signatures()
     with tempfile.TemporaryDirectory() as folder:
-        LockstepRun(settings(Path(folder), slam=has_slam), PlainView(Console(quiet=True))).execute()
+        given = settings(Path(folder), slam=has_slam)
+        with (Path(folder) / "base.toml").open("a") as file:
+            file.write(f"[planning]\nplanner = '{planner}'\n")
+        LockstepRun(given, PlainView(Console(quiet=True))).execute()
     print(*sorted(signatures() - before), sep="\n", file=sys.stderr)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] == "slam")
+    main(sys.argv[1])

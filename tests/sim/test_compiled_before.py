@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 
-@pytest.mark.parametrize("places", ["wheels", "slam"])
-def test_a_fleet_that_drives_compiles_nothing_any_more(places: str) -> None:
+@pytest.mark.parametrize("what", ["wheels", "slam", "pibt", "window"])
+def test_a_fleet_that_drives_compiles_nothing_any_more(what: str) -> None:
     script = Path(__file__).with_name("late_kernels.py")
     told = subprocess.run(
-        [sys.executable, str(script), places], capture_output=True, text=True, timeout=300, check=True
+        [sys.executable, str(script), what], capture_output=True, text=True, timeout=300, check=True
     )
     assert told.stderr.strip() == ""

@@ -13,7 +13,10 @@ Points = NDArray[np.float64]  # (n, 2) [m]
 
 @njit(cache=True, nogil=True)
 def nearest_point(points: Points, x_m: float, y_m: float) -> tuple[int, float]:
-    """Which point is nearest to (x, y), the first of equals, and how far it is [m]. n >= 1."""
+    """Which point is nearest to (x, y), the first of equals, and how far it is [m]. n >= 1.
+
+    What is not a number is no point; where all are, the first is infinitely far.
+    """
     nearest, away_m = 0, math.inf
     for k in range(len(points)):
         this_m = math.hypot(points[k, 0] - x_m, points[k, 1] - y_m)

@@ -34,7 +34,7 @@ def kept_samples(
 ) -> tuple[Floats, Floats]:
     """Range [m] and angle [rad, counter-clockwise] of those that came back; yaw_rad: where 0 degrees is."""
     ranges_m, angles_rad, count = np.empty_like(range_m), np.empty_like(range_m), 0
-    for k in range(len(range_m)):
+    for k in range(min(len(range_m), len(clockwise_deg))):  # nobody else looks at bounds
         if _came_back(range_m[k], least_m, most_m):
             ranges_m[count] = range_m[k]
             angles_rad[count] = yaw_rad - clockwise_deg[k] * _RAD_PER_DEGREE
@@ -66,7 +66,7 @@ def nearer_than(points: Points, x_m: float, y_m: float, limit_m: float) -> Point
 @njit(cache=True, nogil=True)
 def widest_gap(angles: NDArray[np.uint16], turn: int) -> int:
     """Between neighbours of n >= 1 ascending angles on a circle of `turn`."""
-    widest = turn - int(angles[-1]) + int(angles[0])
+    widest = turn - np.int64(angles[-1]) + np.int64(angles[0])
     for k in range(1, len(angles)):
-        widest = max(widest, int(angles[k]) - int(angles[k - 1]))
-    return widest
+        widest = max(widest, np.int64(angles[k]) - np.int64(angles[k - 1]))
+    return int(widest)

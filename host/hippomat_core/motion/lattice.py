@@ -46,7 +46,7 @@ def lattice_of(costmap: Costmap, apart_m: float) -> Lattice | None:
     graph, ox, oy = graphs[best]
     if len(parts[best]) < 2:
         return None
-    centre = (graph.cells[:, :2] * side + np.array([ox, oy])).astype(np.int32)
+    centre = (graph.cells[:, :2] * side + np.array([ox, oy])).astype(np.int32, order="C")
     return Lattice(graph, centre, _near(costmap, centre, parts[best]), side)
 
 
