@@ -20,7 +20,7 @@ class Template:
 
     def __init__(self, fields: Sequence[Field], data: bytes, paths: Sequence[str]) -> None:
         places = layout_of(fields, data).places
-        self._arrays = {one.name: (place, one) for one, place in zip(fields, places, strict=True)}
+        self._fields = {one.name: (place, one) for one, place in zip(fields, places, strict=True)}
         self._data = bytearray(data)
         offsets = _offsets(fields, places, "")
         letters, self._between, order = "", list[bytes](), list[int]()
@@ -41,7 +41,7 @@ class Template:
 
     def array(self, name: str) -> NDArray[Any]:
         """Where an array of numbers lies, in its length: what is put there goes into what is filled next."""
-        (count, offset), field = self._arrays[name]
+        (count, offset), field = self._fields[name]
         if offset < self._end:
             raise ValueError(f"{name} lies among the paths: fill() writes there")
         return np.frombuffer(self._data, "<" + field.dtype, count, offset)

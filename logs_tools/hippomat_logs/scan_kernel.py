@@ -29,7 +29,7 @@ def nearest_by_degree(
     """
     range_m[:] = np.inf
     intensity[:] = 0.0
-    for k in range(min(len(angle_q6), len(distance_q2), len(quality))):  # nobody else looks at bounds
+    for k in range(min(len(angle_q6), len(distance_q2), len(quality))):  # no loop of numba's looks at bounds
         if distance_q2[k] != 0:
             degree = (SCAN_BINS - ((np.int64(angle_q6[k]) + 32) >> 6)) % SCAN_BINS
             range_m[degree] = min(range_m[degree], np.float32(distance_q2[k]) / _Q2_PER_M)

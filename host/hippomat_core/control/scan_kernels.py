@@ -8,8 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from hippomat_core.control.stopping import Points
+
 Floats = NDArray[np.float64]
-Points = NDArray[np.float64]  # (n, 2) [m]
 
 _RAD_PER_DEGREE = math.pi / 180.0
 
@@ -34,7 +35,7 @@ def kept_samples(
 ) -> tuple[Floats, Floats]:
     """Range [m] and angle [rad, counter-clockwise] of those that came back; yaw_rad: where 0 degrees is."""
     ranges_m, angles_rad, count = np.empty_like(range_m), np.empty_like(range_m), 0
-    for k in range(min(len(range_m), len(clockwise_deg))):  # nobody else looks at bounds
+    for k in range(min(len(range_m), len(clockwise_deg))):  # no loop of numba's looks at bounds
         if _came_back(range_m[k], least_m, most_m):
             ranges_m[count] = range_m[k]
             angles_rad[count] = yaw_rad - clockwise_deg[k] * _RAD_PER_DEGREE
